@@ -142,9 +142,8 @@ class ACCESSVDB_API AccessibilityField {
 
   /// Why that point is as it is: every orientation tried by itself against the current map, see access_map.h. Changes
   /// nothing. Takes milliseconds and, for the time being, as much memory as the state of all points.
-  [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W) const;
-  /// The same for one of several tools. @throws InvalidArgument "tool.index"
-  [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W, std::size_t tool) const;
+  /// @throws InvalidArgument "tool.index"
+  [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W, std::size_t tool = 0) const;
 
   /// Batched queries, at points or along a robot arm: see batch_query.h. Valid until the field next changes.
   [[nodiscard]] BatchQuery batchQuery() const;
@@ -168,9 +167,9 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] std::string deviceNote() const;  ///< why BackendKind::Auto is not on a GPU; else empty
   /// The id behind that note, as of an Error: "device.no_driver", "device.not_built", "device.architecture", ...
   [[nodiscard]] std::string deviceNoteId() const;
-  [[nodiscard]] double toolShareHidden() const;              ///< inside the self-exclusion; of all tools and turns
-  [[nodiscard]] int collisionLimit() const;                  ///< [n_c] fewest collisions that block a direction
-  [[nodiscard]] int collisionLimit(std::size_t tool) const;  ///< @throws InvalidArgument "tool.index"
+  [[nodiscard]] double toolShareHidden() const;  ///< inside the self-exclusion; of all tools and turns
+  /// [n_c] Fewest collisions that block a direction. @throws InvalidArgument "tool.index"
+  [[nodiscard]] int collisionLimit(std::size_t tool = 0) const;
 
   /// Writes all that later scans and updates depend on into one file, whole or not at all; loadState() goes on from it.
   /// Takes a few MB of memory. See docs/design/state.md, "Saved state".

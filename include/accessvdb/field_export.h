@@ -8,36 +8,13 @@
 
 #include "accessvdb/export.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/write_options.h"
 
 namespace accessvdb {
 
 class AccessibilityField;
 
 namespace io {
-
-/// How the values of a .vdb file are compressed. OpenVDB's C++ library reads all of them if it was built with the
-/// codec.
-enum class Compression {
-  Auto,   ///< Blosc if this build of OpenVDB has it, else Zip
-  Blosc,  ///< fast
-  Zip,    ///< smaller and many times slower
-  None    ///< inactive values are still left out
-};
-
-/// Which axis of the .vdb files points up. The world frame is z up; with Y the grids' transforms and vectors are
-/// rotated by -90 degrees about x, (x, y, z) to (x, z, -y). Voxel indices and non-vector values keep the same bits.
-enum class UpAxis { Z, Y };
-
-struct WriteOptions {
-  bool half_float = false;  ///< 16-bit floats: all float grids except `score` and `weight`, which are counts
-  Compression compression = Compression::Auto;
-  UpAxis up_axis = UpAxis::Z;  ///< of field.vdb and field_points.vdb; points.ply is always in the world frame
-  bool points_las = false;     ///< also write points.las, for programs of surveyors
-  bool surface = false;        ///< also write `surface`, a narrow-band level set made from the points and their normals
-};
-
-/// Checks the options before anything is written. @throws InvalidArgument (a codec that this OpenVDB lacks)
-ACCESSVDB_API void checkWriteOptions(const WriteOptions& options);
 
 /// Like the functions in field_io.h. @throws InvalidArgument, OutputError
 ACCESSVDB_API void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume,

@@ -23,7 +23,7 @@
 #include <vector>
 
 #include "accessvdb/export.h"
-#include "accessvdb/field_export.h"
+#include "accessvdb/field_io.h"
 #include "accessvdb/field_window.h"
 #include "accessvdb/params.h"
 #include "accessvdb/render.h"
@@ -32,6 +32,7 @@
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/types.h"
+#include "accessvdb/write_options.h"
 
 namespace accessvdb::tiles {
 
@@ -92,9 +93,8 @@ struct TileMargins {
   std::int32_t returns_voxels = 0;
   std::int32_t least_tile_voxels = 0;
 };
+/// What the tool that reaches farthest needs. @param progress  of the tools' tables
 /// @throws what building a field throws
-[[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params);
-/// For several tools: what the one that reaches farthest needs. @param progress  of their tables
 [[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params,
                                                     const TableProgress& progress = {});
 
@@ -133,13 +133,12 @@ struct Binned {
   std::vector<TileReturns> returns_of;  ///< most first
 };
 
-/// A plan in its folder, with the tool and the parameters that it was made from.
+/// A plan in its folder, with the tools and the parameters that it was made from.
 struct Job {
   std::filesystem::path out;
   Plan plan;
-  ToolGeometry tool;
+  std::vector<ToolSpec> tools;  ///< named
   FieldParams params;
-  std::vector<ToolSpec> tools = {};  ///< if there are several, all of them; named
 };
 
 /// Reads the scans and sorts their returns by tile. Goes on after the last finished part of an earlier call.

@@ -23,6 +23,9 @@ struct ToolSpec {
   int max_collisions = 0;            ///< as ScoringParams::max_collisions
 };
 
+/// A list of this tool alone, with the parameters' own values. @throws as namedTools()
+[[nodiscard]] ACCESSVDB_API std::vector<ToolSpec> onlyTool(const ToolGeometry& tool, const FieldParams& params);
+
 /// Most tools of a field: SurfacePoint::tools has a bit for each.
 inline constexpr std::size_t kMostTools = 32;
 

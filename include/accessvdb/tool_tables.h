@@ -23,9 +23,6 @@ struct ToolTableBytes {
 /// An estimate from eight of the directions, within a tenth of what the field will hold. It takes 8 / D of the time and
 /// memory of building the tables. BackendKind::Auto counts as the CPU, which needs more.
 /// @throws InvalidArgument (params), ResourceLimit "tool.span", "tool.columns" as the field would
-[[nodiscard]] ACCESSVDB_API ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& params);
-
-/// The same for several tools together.
 [[nodiscard]] ACCESSVDB_API ToolTableBytes toolTableBytes(const std::vector<ToolSpec>& tools,
                                                           const FieldParams& params);
 

@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include "dds/cdr_writer.h"
-#include "io/label_colours.h"
+#include "io/results/label_colours.h"
 
 namespace accessvdb::dds {
 namespace {

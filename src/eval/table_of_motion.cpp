@@ -11,8 +11,8 @@
 #include "accessvdb/accessibility_field.h"
 #include "eval/ground_truth.h"
 #include "eval/table_context.h"
-#include "io/pose_matching.h"
-#include "io/scan_motion.h"
+#include "io/poses/pose_matching.h"
+#include "io/scans/scan_motion.h"
 #include "sim/scene_catalogue.h"
 #include "sim/simulator.h"
 

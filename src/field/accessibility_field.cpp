@@ -28,8 +28,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl : internal::FieldStages {
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
-    : AccessibilityField(
-          {{tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}}, params) {}
+    : AccessibilityField(onlyTool(tool, params), params) {}
 AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params,
                                        const TableProgress& progress)
     : impl_(internal::makeArena(internal::requireThreads(params.threads)).execute([&] {
@@ -154,7 +153,6 @@ std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p
   return internal::scoredPoint(*impl_, id);
 }
 
-std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W) const { return accessMap(p_W, 0); }
 std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W, std::size_t tool) const {
   impl_->steps.requireWhole();
   static_cast<void>(impl_->tools.at(tool));
@@ -186,7 +184,6 @@ double AccessibilityField::toolShareHidden() const {
   for (const auto& tool : impl_->tools) share = std::max(share, tool->setup.tool().hidden_share);
   return share;
 }
-int AccessibilityField::collisionLimit() const { return collisionLimit(0); }
 int AccessibilityField::collisionLimit(std::size_t tool) const { return impl_->tools.at(tool).collisionLimit(); }
 
 MemoryUse AccessibilityField::memoryUse() const {
@@ -218,9 +215,7 @@ void AccessibilityField::saveState(const std::filesystem::path& file) const {
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, const ToolGeometry& tool,
                                                  BackendKind backend, int threads) {
   internal::StateReader state(file);
-  const FieldParams& saved = state.head().params;
-  const ToolSpec spec = {tool, saved.approach.orientations, saved.approach.rolls, {}, saved.scoring.max_collisions};
-  return internal::FieldAccess::load(state, {spec}, backend, threads);
+  return internal::FieldAccess::load(state, onlyTool(tool, state.head().params), backend, threads);
 }
 
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,

@@ -11,7 +11,7 @@
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/tsdf_volume.h"
 #include "field/field_files.h"
-#include "io/field_grids.h"
+#include "io/results/field_grids.h"
 
 namespace accessvdb {
 namespace {

@@ -12,8 +12,8 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/surface_points.h"
-#include "io/exclude_box.h"
-#include "io/pose_track.h"
+#include "io/poses/pose_track.h"
+#include "io/scans/exclude_box.h"
 #include "live/changed_points.h"
 #include "live/lost_returns.h"
 #include "live/pose_buffer.h"

@@ -5,9 +5,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "io/pose_checks.h"
-#include "io/pose_matching.h"
-#include "io/pose_track.h"
+#include "io/poses/pose_checks.h"
+#include "io/poses/pose_matching.h"
+#include "io/poses/pose_track.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -5,7 +5,7 @@
 
 #include <Eigen/Core>
 
-#include "io/label_colours.h"
+#include "io/results/label_colours.h"
 
 namespace accessvdb::internal {
 

@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "io/label_colours.h"
+#include "io/results/label_colours.h"
 
 namespace accessvdb::internal {
 

@@ -6,7 +6,7 @@
 #include <zlib.h>
 
 #include "accessvdb/error.h"
-#include "io/sha256.h"
+#include "io/streams/sha256.h"
 
 namespace accessvdb::internal {
 

@@ -15,7 +15,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "io/pose_matching.h"
+#include "io/poses/pose_matching.h"
 
 namespace accessvdb::sim {
 namespace {

@@ -14,7 +14,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "io/pose_matching.h"
+#include "io/poses/pose_matching.h"
 #include "sim/counter_random.h"
 
 namespace accessvdb::sim {

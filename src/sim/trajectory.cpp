@@ -6,7 +6,7 @@
 #include <string>
 
 #include "accessvdb/error.h"
-#include "io/pose_files.h"
+#include "io/poses/pose_files.h"
 
 namespace accessvdb::sim {
 namespace {

@@ -8,7 +8,7 @@
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tiles.h"
 #include "field/thread_count.h"
-#include "io/field_grids.h"
+#include "io/results/field_grids.h"
 #include "tiles/point_file.h"
 #include "tiles/tile_files.h"
 #include "vdb/standard_grids.h"

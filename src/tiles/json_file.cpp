@@ -7,7 +7,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "io/sha256.h"
+#include "io/streams/sha256.h"
 
 namespace accessvdb::tiles {
 

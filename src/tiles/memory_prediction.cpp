@@ -116,7 +116,9 @@ double peakBytes(double without_tool, const ToolTableBytes& tool) {
                   without_tool + static_cast<double>(tool.held));
 }
 
-int rememberedDirections(const FieldParams& params) {
+namespace {
+
+int rememberedOf(const FieldParams& params) {
   const bool remembered = params.update.policy == UpdatePolicy::Exact && params.backend != BackendKind::Cuda;
   const int directions = params.approach.directionCount();
   // Of more directions than a mask has, a point has two bits each and nothing else; one of the two is in an array that
@@ -130,6 +132,8 @@ int rememberedDirections(const FieldParams& params) {
   return remembered ? directions + static_cast<int>((roundUp(64) - roundUp(8)) / kRememberedDirectionBytes) : 0;
 }
 
+}  // namespace
+
 int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& params) {
   // Record and state of a point for a tool; and its position, sums, views and block once more for tools that are tried
   // in other directions than the first.
@@ -138,7 +142,7 @@ int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& 
   for (std::size_t k = 0; k < tools.size(); ++k) {
     FieldParams of_tool = params;
     of_tool.approach.orientations = tools[k].orientations;
-    bytes += rememberedDirections(of_tool);
+    bytes += rememberedOf(of_tool);
     if (k == 0) continue;
     bytes += kStateBytes;
     const OrientationSet &own = tools[k].orientations, &first = tools.front().orientations;

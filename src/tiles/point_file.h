@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "accessvdb/tiles.h"
-#include "io/points_ply.h"
-#include "io/sha256.h"
+#include "io/results/points_ply.h"
+#include "io/streams/sha256.h"
 
 namespace accessvdb::tiles {
 

@@ -11,8 +11,8 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/tiles.h"
-#include "io/points_las.h"
-#include "io/points_ply.h"
+#include "io/results/points_las.h"
+#include "io/results/points_ply.h"
 #include "tiles/point_file.h"
 #include "tiles/tile_files.h"
 

@@ -23,7 +23,7 @@
 #include <vector>
 
 #include "accessvdb/types.h"
-#include "io/sha256.h"
+#include "io/streams/sha256.h"
 
 namespace accessvdb::tiles {
 

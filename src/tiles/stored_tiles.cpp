@@ -5,7 +5,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/tiles.h"
-#include "io/surface_voxels.h"
+#include "io/results/surface_voxels.h"
 
 namespace accessvdb::tiles {
 namespace {

@@ -11,7 +11,7 @@
 #include "accessvdb/tiles.h"
 #include "field/scan_gate.h"
 #include "field/tools/window_margins.h"
-#include "io/sha256.h"
+#include "io/streams/sha256.h"
 #include "tiles/json_file.h"
 #include "tool/tool_kernel.h"
 
@@ -100,13 +100,6 @@ Plan identified(Plan plan) {
     plan.ids.push_back(internal::hexOf(sha256.digest()));
   }
   return plan;
-}
-
-TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params) {
-  return tileMargins(
-      std::vector<ToolSpec>{
-          {tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}},
-      params);
 }
 
 TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params, const TableProgress& progress) {

@@ -42,16 +42,11 @@ struct FusedReturns {
   std::uint64_t all = 0, largest_step = 0;
 };
 
-ToolTableBytes tablesOf(const Job& job) {
-  return job.tools.empty() ? toolTableBytes(job.tool, job.params) : toolTableBytes(job.tools, job.params);
-}
-
 /// The peak that a run of the tile comes to, if no more returns come.
 double peakBytesOf(const internal::FieldCounts& counts, const FusedReturns& fused, const Job& job,
                    const ToolTableBytes& tables) {
   MemoryPrediction prediction;
-  prediction.remembered_directions =
-      job.tools.empty() ? rememberedDirections(job.params) : rememberedDirections(job.tools, job.params);
+  prediction.remembered_directions = rememberedDirections(job.tools, job.params);
   prediction.returns = fused.all;
   prediction.largest_step = fused.largest_step;
   prediction.cone_leaves = static_cast<double>(counts.distance_leaves);
@@ -73,7 +68,10 @@ struct Run {
 /// One attempt at one tile.
 class TileRun {
  public:
-  TileRun(const Run& run, const TileId& id) : run_(run), job_(run.job), tables_(tablesOf(run.job)) { tile_.id = id; }
+  TileRun(const Run& run, const TileId& id)
+      : run_(run), job_(run.job), tables_(toolTableBytes(job_.tools, job_.params)) {
+    tile_.id = id;
+  }
 
   /// @throws DoesNotFit, Stopped
   Tile run() {
@@ -83,8 +81,7 @@ class TileRun {
     params.window = tile_.id.window(job_.plan.tile_voxels);
     AttemptFolder folder(job_.out, tile_.id);
     {
-      AccessibilityField field =
-          job_.tools.empty() ? AccessibilityField(job_.tool, params) : AccessibilityField(job_.tools, params);
+      AccessibilityField field(job_.tools, params);
       tile_.device = field.deviceName();
       integrateAll(field);
       field.update();
@@ -208,7 +205,7 @@ std::int32_t edgeOf(const Plan& plan, const TileId& id) {
 
 /// What every tile needs, however small: splitting would not help.
 void requireRoomForTool(const Job& job, const RunLimits& limits) {
-  const double bytes = peakBytesOf({}, {}, job, tablesOf(job));
+  const double bytes = peakBytesOf({}, {}, job, toolTableBytes(job.tools, job.params));
   if (limits.memory_bytes == 0 || bytes <= static_cast<double>(limits.memory_bytes)) return;
   const auto megabytes = [](double count) { return std::to_string(static_cast<std::uint64_t>(count) >> 20) + " MiB"; };
   throw ResourceLimit("limit.memory", "tool " + job.plan.tool_name,

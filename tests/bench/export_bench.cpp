@@ -23,7 +23,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/field_export.h"
-#include "io/field_grids.h"
+#include "io/results/field_grids.h"
 #include "support/walk_generator.h"
 
 namespace accessvdb {

@@ -138,7 +138,7 @@ TEST(MemoryPrediction, APointRemembersDirectionsByTheCacheLine) {
   params.backend = BackendKind::Cpu;
   const auto remembered = [&](int directions) {
     params.approach.num_directions = directions;
-    return rememberedDirections(params);
+    return rememberedDirections(onlyTool(ToolGeometry::builtin("builtin:pencil"), params), params);
   };
   EXPECT_EQ(remembered(256), 256);  // four lines, all of them used
   EXPECT_EQ(remembered(180), 185);  // 23 of 24 words

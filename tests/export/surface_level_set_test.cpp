@@ -12,7 +12,7 @@
 #include <map>
 #include <random>
 
-#include "io/surface_level_set.h"
+#include "io/results/surface_level_set.h"
 
 namespace accessvdb {
 namespace {

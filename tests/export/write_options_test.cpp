@@ -17,8 +17,8 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "export/bit_equal.h"
-#include "io/field_grids.h"
-#include "io/surface_voxels.h"
+#include "io/results/field_grids.h"
+#include "io/results/surface_voxels.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {

@@ -9,7 +9,7 @@
 #include <limits>
 #include <random>
 
-#include "io/pose_track.h"
+#include "io/poses/pose_track.h"
 #include "support/determinism_support.h"
 
 namespace accessvdb::internal {

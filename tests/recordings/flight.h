@@ -7,7 +7,7 @@
 #include <cstdio>
 
 #include "accessvdb/scan_io.h"
-#include "io/recording_index.h"
+#include "io/recordings/recording_index.h"
 #include "recordings/writers.h"
 #include "unit/io/input_fixture.h"
 

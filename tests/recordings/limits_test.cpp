@@ -5,8 +5,8 @@
 #include <fstream>
 
 #include "bags/messages.h"
-#include "io/frame_tree.h"
-#include "io/pose_track.h"
+#include "io/poses/frame_tree.h"
+#include "io/poses/pose_track.h"
 #include "recordings/container_bytes.h"
 #include "recordings/flight.h"
 

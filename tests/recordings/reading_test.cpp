@@ -5,7 +5,7 @@
 #include <sstream>
 
 #include "accessvdb/scan_io.h"
-#include "io/recording_index.h"
+#include "io/recordings/recording_index.h"
 #include "recordings/flight.h"
 
 namespace accessvdb::recordings_test {

@@ -188,7 +188,7 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
   proposed.range_noise_m = proposal.range_noise_m;
   const FieldParams params = fieldParams(proposed);
   proposal.tau_m = params.tsdf.truncation_distance_m;
-  MemoryPredictor predictor(params.tsdf, rememberedDirections(params));
+  MemoryPredictor predictor(params.tsdf, rememberedDirections(onlyTool(tool, params), params));
   std::optional<Eigen::Vector3d> origin_W;
   const bool whole = forScans(scans, stride, "predicting memory", messages, [&](const io::ScanRecord& record) {
     const auto add = [&](const Eigen::Vector3d& sensor_W, const Eigen::Vector3d& p_W) {
@@ -204,7 +204,8 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
   if (!whole) return 128 + stopSignal();
   MemoryPrediction prediction = predictor.prediction();
   prediction.input_bytes = scans.heldBytes();
-  proposal.predicted_bytes = peakBytes(prediction.bytes(RunOutput::Field), toolTableBytes(tool, params));
+  proposal.predicted_bytes =
+      peakBytes(prediction.bytes(RunOutput::Field), toolTableBytes(onlyTool(tool, params), params));
 
   const std::string text = commented(flags, options, proposal, survey, scans.size(), stride);
   if (options.out.empty()) {

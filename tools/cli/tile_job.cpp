@@ -260,8 +260,7 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
     changed("was planned with other parameters");
   }
   params.mirror_distance = false;  // only for kernels of a live map; takes memory that the prediction does not count
-  tiles::Job job = {out, std::move(plan), specs.front().tool, std::move(params)};
-  if (specs.size() > 1) job.tools = specs;
+  tiles::Job job = {out, std::move(plan), specs, std::move(params)};
   return {std::move(planned), std::move(flights), std::move(specs), std::move(job)};
 }
 

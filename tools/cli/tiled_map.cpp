@@ -138,8 +138,7 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
   const MapOptions& options = sources.options;
   requireTilesPossible(options, sources.params);
   if (options.update_every > 0) messages.notice("tiles are scored once at the end; --update-every changes nothing");
-  tiles::Job job = {options.out, {}, sources.tools.front().tool, sources.params};
-  if (sources.tools.size() > 1) job.tools = sources.tools;
+  tiles::Job job = {options.out, {}, sources.tools, sources.params};
   job.params.mirror_distance = false;  // only for kernels of this process
   job.plan = planOf(sources, chosen_voxels, messages);
   report.device.clear();

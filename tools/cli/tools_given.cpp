@@ -211,10 +211,6 @@ void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools
   }
 }
 
-std::vector<ToolSpec> onlyTool(const ToolGeometry& tool, const FieldParams& params) {
-  return namedTools({{tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}});
-}
-
 std::string namesOf(const std::vector<ToolSpec>& tools) {
   std::string names;
   for (const ToolSpec& tool : tools) names.append(names.empty() ? "" : ", ").append(tool.name);

@@ -48,8 +48,6 @@ void requireOneTool(const MapOptions& options, const std::string& verb);
 [[nodiscard]] std::vector<ToolSpec> loadTools(const MapOptions& options);
 /// Their repairs and the twins in their orientations as notices; what looks wrong as warnings.
 void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools, Messages& messages);
-/// The list of the one tool that these parameters belong to.
-[[nodiscard]] std::vector<ToolSpec> onlyTool(const ToolGeometry& tool, const FieldParams& params);
 /// Their names, for people.
 [[nodiscard]] std::string namesOf(const std::vector<ToolSpec>& tools);
 

@@ -13,7 +13,7 @@
 #include "accessvdb/error.h"
 #include "field/state/rules_version.h"
 #include "field/state/state_writer.h"
-#include "io/input_file.h"
+#include "io/streams/input_file.h"
 #include "tsdf/leaf_facts.h"
 
 namespace accessvdb::internal {

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "io/input_file.h"
+#include "io/streams/input_file.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -19,7 +19,7 @@
 #include <string_view>
 #include <vector>
 
-#include "io/sha256.h"
+#include "io/streams/sha256.h"
 
 namespace accessvdb::internal {
 

@@ -9,8 +9,8 @@
 #include "accessvdb/error.h"
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/tool_tables.h"
-#include "io/input_file.h"
-#include "io/sha256.h"
+#include "io/streams/input_file.h"
+#include "io/streams/sha256.h"
 #include "tool/tool_rolls.h"
 
 namespace accessvdb {
@@ -70,6 +70,10 @@ std::vector<ToolSpec> namedTools(std::vector<ToolSpec> tools) {
   return tools;
 }
 
+std::vector<ToolSpec> onlyTool(const ToolGeometry& tool, const FieldParams& params) {
+  return namedTools({{tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}});
+}
+
 FieldParams toolParams(const ToolSpec& tool, FieldParams params) {
   params.approach.orientations = tool.orientations;
   params.approach.rolls = tool.rolls;
@@ -107,17 +111,6 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
   if (oriented) out += "orientations by_tool\n";
   if (rolled) out += "rolls by_tool\n";
   return out;
-}
-
-ToolTableBytes toolTableBytes(const std::vector<ToolSpec>& tools, const FieldParams& params) {
-  ToolTableBytes all = {0, 0};
-  for (const ToolSpec& spec : tools) {
-    const ToolTableBytes own = toolTableBytes(spec.tool, toolParams(spec, params));
-    all.making = std::max(all.making, all.held + own.making);  // one is made after the other
-    all.held += own.held;
-  }
-  all.making = std::max(all.making, all.held);
-  return all;
 }
 
 std::string toolListSha256(const std::vector<ToolSpec>& tools) {

@@ -43,9 +43,7 @@ OffsetBox offsetBoxOf(const ToolGeometry& tool, const FieldParams& resolved, con
   return box;
 }
 
-}  // namespace
-
-ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& params) {
+ToolTableBytes tableBytesOf(const ToolGeometry& tool, const FieldParams& params) {
   const FieldParams resolved = params.resolved();
   const int directions = resolved.approach.directionCount();
   const internal::ToolKernel kernel =
@@ -115,6 +113,19 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
     }
   }
   return {static_cast<std::uint64_t>(held), static_cast<std::uint64_t>(std::max(held, making))};
+}
+
+}  // namespace
+
+ToolTableBytes toolTableBytes(const std::vector<ToolSpec>& tools, const FieldParams& params) {
+  ToolTableBytes all = {0, 0};
+  for (const ToolSpec& spec : tools) {
+    const ToolTableBytes own = tableBytesOf(spec.tool, toolParams(spec, params));
+    all.making = std::max(all.making, all.held + own.making);  // one is made after the other
+    all.held += own.held;
+  }
+  all.making = std::max(all.making, all.held);
+  return all;
 }
 
 double toolShareHidden(const ToolGeometry& tool, const FieldParams& params) {

@@ -28,7 +28,7 @@ double heldBytes(const ToolGeometry& tool, const FieldParams& params) {
 }
 
 void expectHeld(const ToolGeometry& tool, const FieldParams& params) {
-  const ToolTableBytes said = toolTableBytes(tool, params);
+  const ToolTableBytes said = toolTableBytes(onlyTool(tool, params), params);
   // Corridor and directions are tables too, of a hundred kilobytes.
   EXPECT_NEAR(static_cast<double>(said.held), heldBytes(tool, params), 0.1 * static_cast<double>(said.held) + 1e5);
   EXPECT_GE(said.making, said.held);
@@ -72,14 +72,14 @@ TEST(ToolTableBytes, GrowWithTheVoxelsOfTheTool) {
   FieldParams coarse = paramsOf(0.006), fine = paramsOf(0.003);
   coarse.update.policy = fine.update.policy = UpdatePolicy::Paper;
   coarse.scoring.max_collisions = fine.scoring.max_collisions = 5;
-  const double ratio =
-      static_cast<double>(toolTableBytes(pruner, fine).held) / static_cast<double>(toolTableBytes(pruner, coarse).held);
+  const double ratio = static_cast<double>(toolTableBytes(onlyTool(pruner, fine), fine).held) /
+                       static_cast<double>(toolTableBytes(onlyTool(pruner, coarse), coarse).held);
   EXPECT_GT(ratio, 4);  // twice that if a column needs two words
   EXPECT_LT(ratio, 8.5);
   // On a GPU the second copy is not the host's.
   fine.backend = BackendKind::Cuda;
-  EXPECT_NEAR(static_cast<double>(toolTableBytes(pruner, fine).held) * 2,
-              ratio * static_cast<double>(toolTableBytes(pruner, coarse).held), 16);
+  EXPECT_NEAR(static_cast<double>(toolTableBytes(onlyTool(pruner, fine), fine).held) * 2,
+              ratio * static_cast<double>(toolTableBytes(onlyTool(pruner, coarse), coarse).held), 16);
 }
 
 TEST(ToolTableBytes, RefuseWhatAFieldRefuses) {
@@ -88,7 +88,7 @@ TEST(ToolTableBytes, RefuseWhatAFieldRefuses) {
     FieldParams params = paramsOf(voxel_size_m);
     params.tsdf.range_noise_m = 0;  // otherwise the band alone would have too many voxels
     try {
-      static_cast<void>(toolTableBytes(table, params));
+      static_cast<void>(toolTableBytes(onlyTool(table, params), params));
     } catch (const Error& error) {
       return error.id();
     }

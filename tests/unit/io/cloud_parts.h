@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "io/point_cloud.h"
+#include "io/clouds/point_cloud.h"
 #include "unit/io/input_fixture.h"
 
 namespace accessvdb::io::test {

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// LAZ through a command that writes LAS: small shell scripts that behave well or badly, and a real decoder.
-#include "io/decoder_pipe.h"
+#include "io/clouds/decoder_pipe.h"
 
 #include <sys/wait.h>
 

@@ -15,8 +15,8 @@
 #include "accessvdb/error.h"
 #include "accessvdb/orientations.h"
 #include "accessvdb/tsdf_volume.h"
-#include "io/field_grids.h"
-#include "io/surface_voxels.h"
+#include "io/results/field_grids.h"
+#include "io/results/surface_voxels.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// A child of a process with busy threads never waits for a lock that one of them held.
-#include "io/guarded_child.h"
+#include "io/streams/guarded_child.h"
 
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
@@ -17,7 +17,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "io/field_grids.h"
+#include "io/results/field_grids.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {

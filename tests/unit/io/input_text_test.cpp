@@ -5,9 +5,9 @@
 #include <cmath>
 
 #include "accessvdb/scan_io.h"
-#include "io/input_file.h"
-#include "io/scan_files.h"
-#include "io/text_lines.h"
+#include "io/scans/scan_files.h"
+#include "io/streams/input_file.h"
+#include "io/streams/text_lines.h"
 #include "unit/io/input_fixture.h"
 
 namespace accessvdb::io {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/pose_matching.h"
+#include "io/poses/pose_matching.h"
 
 #include <numbers>
 

@@ -1,12 +1,12 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Motion within scans: a scanner whose motion is known in closed form, and files with times in every form.
-#include "io/scan_motion.h"
+#include "io/scans/scan_motion.h"
 
 #include <limits>
 
 #include "accessvdb/scan_io.h"
-#include "io/levelling.h"
+#include "io/poses/levelling.h"
 #include "unit/io/input_fixture.h"
 #include "unit/io/moving_scanner.h"
 

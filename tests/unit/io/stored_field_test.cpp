@@ -11,7 +11,7 @@
 #include <iterator>
 
 #include "accessvdb/error.h"
-#include "io/field_grids.h"
+#include "io/results/field_grids.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {

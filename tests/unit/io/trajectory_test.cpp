@@ -1,11 +1,11 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/trajectory.h"
+#include "io/poses/trajectory.h"
 
 #include <cmath>
 
 #include "accessvdb/scan_io.h"
-#include "io/trajectory_coverage.h"
+#include "io/poses/trajectory_coverage.h"
 #include "unit/io/timed_cloud.h"
 
 namespace accessvdb::io {

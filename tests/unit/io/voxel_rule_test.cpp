@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/voxel_rule.h"
+#include "io/streams/voxel_rule.h"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,76 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "io/poses/pose_checks.h"
+
+#include <Eigen/SVD>
+#include <cmath>
+#include <cstdio>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::io {
+namespace {
+
+std::string shortNumber(double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.3g", value);
+  return text;
+}
+
+}  // namespace
+
+std::string PoseChecker::where(std::size_t line) const {
+  return line == 0 ? std::string("the pose") : "line " + std::to_string(line);
+}
+
+void PoseChecker::requireFinite(bool finite, std::size_t line) const {
+  if (!finite)
+    throw UnusableInput("poses.non_finite", subject_, where(line) + " has a value that is not finite",
+                        "Remove or correct that pose");
+}
+
+void PoseChecker::repaired(double error, std::size_t line) {
+  if (repairs_ == 0) first_line_ = line;
+  ++repairs_;
+  worst_ = std::max(worst_, error);
+}
+
+Eigen::Isometry3d PoseChecker::fromQuaternion(const Eigen::Vector3d& t, const Eigen::Vector4d& q, std::size_t line) {
+  requireFinite(t.allFinite() && q.allFinite(), line);
+  const double error = std::abs(q.norm() - 1.0);
+  if (!(error <= kRepairLimit))
+    throw UnusableInput("poses.bad_quaternion", subject_,
+                        where(line) + " has a quaternion of length " + shortNumber(q.norm()) + ", not 1",
+                        "Check the order of the columns and the pose format");
+  if (error > kQuaternionSilent) repaired(error, line);
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+  pose.translation() = t;
+  return pose;
+}
+
+Eigen::Isometry3d PoseChecker::fromMatrix(const Eigen::Matrix<double, 3, 4>& m, std::size_t line) {
+  requireFinite(m.allFinite(), line);
+  const Eigen::Matrix3d r = m.leftCols<3>();
+  const double error = (r.transpose() * r - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!(error <= kRepairLimit) || !(r.determinant() > 0))
+    throw UnusableInput("poses.bad_rotation", subject_,
+                        where(line) + " has a matrix that is not a rotation (off by " + shortNumber(error) +
+                            ", determinant " + shortNumber(r.determinant()) + ")",
+                        "Check the order of the numbers and the pose format");
+  if (error > kRotationSilent) repaired(error, line);
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(r, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() = svd.matrixU() * svd.matrixV().transpose();
+  pose.translation() = m.col(3);
+  return pose;
+}
+
+void PoseChecker::addNotice(std::vector<std::string>& notices) const {
+  if (repairs_ == 0) return;
+  notices.push_back(subject_ + ": " + std::to_string(repairs_) +
+                    " rotations were not exactly unit and have been normalised (worst off by " + shortNumber(worst_) +
+                    ", first in " + where(first_line_) + ")");
+}
+
+}  // namespace accessvdb::io

@@ -1,0 +1,413 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "io/recordings/recording_steps.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "accessvdb/error.h"
+#include "io/poses/levelling.h"
+#include "io/poses/pose_matching.h"
+#include "io/recordings/recording_topics.h"
+#include "io/scans/deskew_choice.h"
+#include "io/scans/exclude_box.h"
+#include "io/scans/scan_motion.h"
+#include "io/streams/input_file.h"
+
+namespace accessvdb::io {
+namespace {
+
+/// Names that stand for none: the frame of poses that do not say whose they are, and the one that they are in.
+const std::string kSensorFrame = "\nsensor", kWorldFrame = "\nworld";
+
+std::string secondsText(std::int64_t stamp_ns) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.3f", seconds(stamp_ns));
+  return text;
+}
+std::string metresText(double value) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.1f m", value);
+  return text;
+}
+std::string spanText(std::int64_t first_ns, std::int64_t last_ns) {
+  return secondsText(first_ns) + " to " + secondsText(last_ns) + " s";
+}
+std::string frameText(const std::string& name) {
+  return name.empty() || name.front() == '\n' ? "without a name" : wordForMessage(name);
+}
+
+std::string plainFrame(std::string name) {
+  if (!name.empty() && name.front() == '/') name.erase(0, 1);
+  return name;
+}
+
+std::string subjectOf(const std::vector<std::filesystem::path>& files) {
+  return forMessage(files.size() == 1 ? files.front().native() : files.front().parent_path().native());
+}
+
+}  // namespace
+
+RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, ScanKind kind,
+                               const ScanInputOptions& options)
+    : files_(files),
+      subject_(subjectOf(files)),
+      T_B_S_(options.T_B_S),
+      exclude_box_S_(options.exclude_box_S),
+      deskew_(options.deskew),
+      time_offset_s_(options.time_offset_s) {
+  for (const auto& file : files_) recordings_.push_back(openRecording(file, kind, options.allow_truncated));
+  RecordingIndex index = indexRecording({.files = files_,
+                                         .kind = kind,
+                                         .allow_truncated = options.allow_truncated,
+                                         .topic = options.topic,
+                                         .pose_topic = options.pose_topic,
+                                         .times = options.deskew != Deskew::Off,
+                                         .imu = options.level && options.level->from_imu},
+                                        recordings_);
+  for (const std::string& line : index.cut_offs) warnings_.push_back({"recording.cut_off", line});
+  IndexedTopic& cloud = chooseCloudTopic(index, options.topic, subject_);
+  cloud.requireReadable(subject_);
+  topic_ = cloud.topic.name;
+  cloud_kind_ = *cloud.kind;
+  wire_ = *cloud.wire;
+  tellAboutClouds(index, cloud);
+  world_ = plainFrame(options.fixed_frame);
+  IndexedTopic* const poses =
+      options.poses.empty() ? choosePoseTopic(index, cloud, options.pose_topic, subject_) : nullptr;
+  frames_ = std::move(index.transforms);
+  if (!options.poses.empty()) {
+    usePoseFile(cloud, options);
+  } else if (poses != nullptr) {
+    useOdometry(*poses, cloud, options);
+  } else {
+    useTransforms(cloud);
+  }
+  if (index.thinned_ns > 0)
+    notices_.push_back("recording: poses less than " + std::to_string(index.thinned_ns / 1'000'000) +
+                       " ms after another are not used, to save memory");
+  if (T_B_S_) rule_ += ", with T_B_S";
+  if (options.level) level(index, *options.level);
+  keepPosed(std::move(cloud.clouds), options);
+  chooseTimes(cloud);
+}
+
+void RecordingSteps::tellAboutClouds(const RecordingIndex& index, const IndexedTopic& cloud) {
+  std::string others;
+  for (const IndexedTopic& topic : index.topics)
+    if (&topic != &cloud && topic.isReadCloud() && topic.topic.messages > 0)
+      others += (others.empty() ? "; not used: " : ", ") + wordForMessage(topic.topic.name);
+  notices_.push_back("recording: clouds from " + topicInWords(cloud) + others);
+  if (cloud.unstamped > 0)
+    notices_.push_back("recording: " + std::to_string(cloud.unstamped) +
+                       " clouds have no time; the time of their recording is used");
+}
+
+void RecordingSteps::usePoseFile(const IndexedTopic& cloud, const ScanInputOptions& options) {
+  if (!options.pose_topic.empty())
+    throw InvalidArgument("usage.pose_topic", "pose_topic", "and ScanInputOptions::poses exclude each other",
+                          "Omit one of the two");
+  file_ = readPoseFile(options.poses, options.pose_format, {}, options.sort_poses);
+  if (!file_->stamped)
+    throw UnusableInput("poses.no_stamps", file_->subject, "has no time stamps, which the clouds of a recording need",
+                        "Use a pose file in TUM format, on the recording's clock");
+  notices_.insert(notices_.end(), file_->notices.begin(), file_->notices.end());
+  for (const std::string& frame : cloud.frames) uses_.push_back({.registered = !world_.empty() && frame == world_});
+  const auto& poses = file_->poses;
+  span_ = std::to_string(poses.size()) + " poses from " +
+          spanText(static_cast<std::int64_t>(poses.front().stamp_s * 1e9),
+                   static_cast<std::int64_t>(poses.back().stamp_s * 1e9));
+  rule_ = "matching: time of a cloud = time stamp of " + file_->subject +
+          (uses_.front().registered ? ", clouds are in the fixed frame" : "");
+}
+
+FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
+  if (auto chain = frames_.chain(world_, leaf)) return *std::move(chain);
+  std::string edges;
+  for (const std::string& edge : frames_.edges(20)) edges += (edges.empty() ? "" : ", ") + wordForMessage(edge);
+  throw UnusableInput(
+      "recording.frames", subject_,
+      "frame " + frameText(leaf) + " of " + wordForMessage(topic_) + " is not connected to frame " + frameText(world_) +
+          "; known are " + (edges.empty() ? "none" : edges),
+      "Record /tf and /tf_static, choose another pose_topic or fixed_frame, or use ScanInputOptions::poses");
+}
+
+void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud, const ScanInputOptions& options) {
+  poses.requireReadable(subject_);
+  tellAboutOdometry(poses, options.sort_poses);
+  const std::string parent = poses.frames.front().empty() ? kWorldFrame : poses.frames.front();
+  if (world_.empty()) world_ = parent;
+  const auto isRegistered = [&](const std::string& frame) { return frame == parent || frame == world_; };
+  // Poses that do not say whose they are: the sensor's, which is the cloud's frame unless that does not move.
+  std::string child = poses.child;
+  if (child.empty()) {
+    const auto moving = std::find_if_not(cloud.frames.begin(), cloud.frames.end(), isRegistered);
+    child = moving == cloud.frames.end() ? kSensorFrame : *moving;
+  }
+  child_ = child;
+  const std::string whose = child == kSensorFrame ? "the sensor" : frameText(child);
+  frames_.replace(parent, child, std::move(poses.poses));
+  frames_.finish();
+  for (const std::string& frame : cloud.frames) {
+    FrameUse use;
+    use.registered = isRegistered(frame);
+    // The extrinsic says where the sensor is on what is posed, whatever transforms say.
+    use.of_points = requireChain(T_B_S_ && !use.registered ? child : frame);
+    if (use.registered) use.of_sensor = requireChain(child);
+    uses_.push_back(std::move(use));
+  }
+  const bool registered = uses_.front().registered;
+  rule_ = "matching: " + wordForMessage(topic_) + " is in frame " + frameText(cloud.frames.front()) +
+          (registered ? ", which does not move: registered already; rays begin where " : ", posed in frame ") +
+          (registered ? whose : frameText(world_)) + (registered ? " is, by " : " by ") +
+          wordForMessage(poses.topic.name);
+  if (!registered && uses_.front().of_points.from_leaf.size() + uses_.front().of_points.from_root.size() > 1)
+    rule_ += " and transforms (" + frames_.inWords(uses_.front().of_points) + ")";
+}
+
+void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
+  const std::string name = wordForMessage(poses.topic.name);
+  const PoseTrack::Counts& counts = poses.poses.counts();
+  if (poses.poses.empty())
+    throw UnusableInput("poses.none", subject_, name + " has no valid pose", "Choose another pose_topic");
+  if (counts.backwards > 0 && !sort)
+    throw UnusableInput("poses.reversed", subject_,
+                        name + " runs backwards in time " + std::to_string(counts.backwards) + " times",
+                        "Use sort_poses to sort it by time");
+  span_ = std::to_string(poses.poses.size()) + " poses from " + spanText(poses.poses.first_ns(), poses.poses.last_ns());
+  const auto tell = [&](std::uint64_t count, const std::string& what) {
+    if (count > 0) notices_.push_back("poses: " + std::to_string(count) + " of " + name + " " + what);
+  };
+  tell(counts.backwards, "were earlier than the one before, and have been sorted");
+  tell(counts.repeated, "are dropped: another one has the same time");
+  tell(counts.invalid, "are dropped: not finite, or not a rotation");
+  tell(poses.other_frames, "are dropped: between other frames than the first one");
+  tell(poses.unstamped, "have no time; the time of their recording is used");
+  if (counts.jumps > 0)
+    warnings_.push_back({"poses.jumps", name + " jumps " + std::to_string(counts.jumps) + " times, first at " +
+                                            secondsText(counts.first_jump_ns) + " s, by up to " +
+                                            metresText(counts.largest_jump_m) +
+                                            " at over 50 m/s: the map may be torn there"});
+}
+
+void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
+  if (T_B_S_)
+    throw InvalidArgument("usage.extrinsic", "T_B_S", "is for odometry and poses: transforms pose the sensor itself",
+                          "Omit it, or choose odometry with pose_topic");
+  frames_.finish();
+  if (world_.empty()) {
+    const auto top = frames_.top(cloud.frames.front());
+    if (top) world_ = *top;
+  }
+  for (const std::string& frame : cloud.frames) {
+    if (frame == world_)
+      throw UnusableInput("poses.none", subject_,
+                          wordForMessage(topic_) + " is in frame " + frameText(frame) +
+                              ", which does not move, and nothing says where the sensor was",
+                          "Record the odometry too, or choose another ScanInputOptions::topic");
+    uses_.push_back({.of_points = requireChain(frame)});
+  }
+  rule_ = "matching: " + wordForMessage(topic_) + " is in frame " + frameText(cloud.frames.front()) +
+          ", posed in frame " + frameText(world_) + " by transforms (" + frames_.inWords(uses_.front().of_points) + ")";
+  span_ = std::to_string(frames_.poses()) + " transforms";
+  const auto tell = [&](std::uint64_t count, const std::string& what) {
+    if (count > 0) notices_.push_back("poses: " + std::to_string(count) + " transforms are dropped: " + what);
+  };
+  tell(frames_.invalid(), "not finite, or not a rotation");
+  tell(frames_.otherParents(), "their frame was posed in another one before");
+  if (frames_.jumps() > 0)
+    warnings_.push_back({"poses.jumps", "transforms jump " + std::to_string(frames_.jumps()) +
+                                            " times at over 50 m/s: the map may be torn there"});
+}
+
+Eigen::Isometry3d RecordingSteps::onSensor(const Eigen::Isometry3d& T_W_B) const {
+  return T_B_S_ ? T_W_B * *T_B_S_ : T_W_B;
+}
+
+void RecordingSteps::level(const RecordingIndex& index, const Level& level) {
+  if (!level.from_imu) {
+    R_L_W_ = levellingOf(level.roll_rad, level.pitch_rad);
+    rule_ += ", turned level by ScanInputOptions::level";
+    return;
+  }
+  std::vector<Eigen::Vector3d> force_W;
+  for (const IndexedTopic& topic : index.topics) {
+    if (topic.imu.empty() || !force_W.empty()) continue;
+    std::string whose = topic.frames.front();
+    auto chain = frames_.chain(world_, whose);
+    if (!chain && !child_.empty()) {
+      whose = child_;
+      chain = frames_.chain(world_, whose);
+    }
+    std::optional<std::int64_t> first_ns;
+    for (const ImuSample& sample : topic.imu) {
+      std::optional<Eigen::Isometry3d> T_W_I;
+      if (file_) {
+        T_W_I = interpolatePose(file_->poses, seconds(sample.stamp_ns));
+      } else if (chain) {
+        T_W_I = frames_.at(*chain, sample.stamp_ns);
+      }
+      if (!T_W_I || !sample.force.allFinite()) continue;
+      if (!first_ns) first_ns = sample.stamp_ns;
+      constexpr std::int64_t kRest_ns = 1'000'000'000;
+      if (sample.stamp_ns - *first_ns <= kRest_ns) force_W.push_back(T_W_I->linear() * sample.force);
+    }
+    if (!force_W.empty())
+      rule_ += ", turned level by " + wordForMessage(topic.topic.name) +
+               (file_ ? std::string(", taken to be what the poses are of") : " in frame " + frameText(whose));
+  }
+  R_L_W_ = levellingOf(force_W, subject_);
+  rule_ += " (" + levelInWords(*R_L_W_) + ")";
+}
+
+void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {
+  if (uses_.front().registered) return;  // without motion already
+  TimedScans timed;
+  timed.subject = subject_ + " " + wordForMessage(topic_);
+  timed.field = cloud.time_field;
+  timed.samples = cloud.spans;
+  if (cloud_kind_ == bags::MessageKind::LivoxCustom) timed.scale = TimeScale{1e-9, false};
+  timed.scans = steps_.size();
+  timed.covered = [this](const OffsetRange& range) {
+    const auto ns = [](double offset_s) { return static_cast<std::int64_t>(offset_s * 1e9); };
+    return static_cast<std::size_t>(std::count_if(steps_.begin(), steps_.end(), [&](const IndexedCloud& step) {
+      return poseAt(step.frame, step.stamp_ns + ns(range.first_s)) &&
+             poseAt(step.frame, step.stamp_ns + ns(range.last_s));
+    }));
+  };
+  const DeskewChoice choice = chooseDeskew(deskew_, timed);
+  scale_ = choice.scale;
+  rule_ += choice.words;
+}
+
+bool RecordingSteps::removeMotion(const IndexedCloud& indexed, const bags::CloudMessage& cloud, const Posed& posed,
+                                  ScanRecord& record) const {
+  if (!cloud.time) {
+    if (deskew_ != Deskew::On) return false;
+    throw UnusableInput("deskew.no_times", record.path,
+                        "the cloud at " + secondsText(indexed.stamp_ns) + " s has no times of points",
+                        "Leave out ScanInputOptions::deskew to use such clouds as they are");
+  }
+  std::vector<Eigen::Vector3f> points_S;
+  std::vector<double> times;
+  bags::appendPoints(cloud, points_S);
+  bags::appendTimes(cloud, times);
+  TimedScan scan = {points_S,        times,         *scale_, seconds(indexed.stamp_ns) - time_offset_s_,
+                    posed.T_W_cloud, exclude_box_S_};
+  MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) -> std::optional<Eigen::Isometry3d> {
+    const auto at = poseAt(indexed.frame, indexed.stamp_ns + ms * 1'000'000);
+    if (!at) return std::nullopt;
+    return at->T_W_cloud;
+  });
+  if (deskew_ != Deskew::On && !coversScan(moved)) return false;
+  takeMoved(std::move(moved), record);
+  return true;
+}
+
+std::optional<RecordingSteps::Posed> RecordingSteps::poseAt(std::uint32_t frame, std::int64_t stamp_ns) const {
+  const auto levelled = [this](Posed posed) {
+    if (!R_L_W_) return posed;
+    posed.T_W_cloud = *R_L_W_ * posed.T_W_cloud;
+    posed.T_W_sensor = *R_L_W_ * posed.T_W_sensor;
+    return posed;
+  };
+  const FrameUse& use = uses_.at(frame);
+  Posed posed;
+  if (file_) {
+    const auto T_W_B = interpolatePose(file_->poses, seconds(stamp_ns));
+    if (!T_W_B) return std::nullopt;
+    posed.T_W_sensor = onSensor(*T_W_B);
+    if (!use.registered) posed.T_W_cloud = posed.T_W_sensor;
+    return levelled(posed);
+  }
+  const auto T_W_points = frames_.at(use.of_points, stamp_ns);
+  if (!T_W_points) return std::nullopt;
+  if (!use.registered) {
+    posed.T_W_cloud = posed.T_W_sensor = onSensor(*T_W_points);
+    return levelled(posed);
+  }
+  const auto T_W_B = frames_.at(use.of_sensor, stamp_ns);
+  if (!T_W_B) return std::nullopt;
+  posed.T_W_cloud = *T_W_points;
+  posed.T_W_sensor = onSensor(*T_W_B);
+  return levelled(posed);
+}
+
+void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options) {
+  constexpr double kMostOffset_s = 4e9;
+  if (!(std::abs(options.time_offset_s) <= kMostOffset_s))
+    throw InvalidArgument("usage.time_offset", "time_offset_s", "is more than a century", "Use seconds");
+  const auto offset_ns = static_cast<std::int64_t>(std::llround(options.time_offset_s * 1e9));
+  for (IndexedCloud& cloud : clouds) cloud.stamp_ns += offset_ns;
+  const auto earlier = [](const IndexedCloud& a, const IndexedCloud& b) { return a.stamp_ns < b.stamp_ns; };
+  if (!std::is_sorted(clouds.begin(), clouds.end(), earlier)) {
+    std::stable_sort(clouds.begin(), clouds.end(), earlier);
+    notices_.push_back("recording: clouds were not recorded in the order of their times, and have been sorted");
+  }
+  const std::size_t all = clouds.size();
+  const std::string span = spanText(clouds.front().stamp_ns, clouds.back().stamp_ns);
+  std::size_t before = 0;
+  bool found = false;
+  std::size_t posed = 0;
+  for (const IndexedCloud& cloud : clouds) {
+    if (!poseOf(cloud)) {
+      before += found ? 0 : 1;
+      continue;
+    }
+    found = true;
+    if (posed++ % static_cast<std::size_t>(options.every) == 0) steps_.push_back(cloud);
+  }
+  if (posed == 0)
+    throw UnusableInput(
+        "poses.no_overlap", subject_,
+        "no cloud has a pose at its time: " + std::to_string(all) + " clouds from " + span + ", " + span_,
+        "Use poses of this recording, on the same clock");
+  rule_ += ", poses interpolated over gaps of at most 0.2 s (" + std::to_string(posed) + " of " + std::to_string(all) +
+           " clouds, " + span_ + ")";
+  if (posed < all)
+    notices_.push_back("matching: " + std::to_string(all - posed) + " of " + std::to_string(all) +
+                       " clouds are skipped: they have no poses around them within 0.2 s (" + std::to_string(before) +
+                       " of them before the first that has)");
+}
+
+ScanRecord RecordingSteps::read(std::size_t step) {
+  const IndexedCloud& indexed = steps_.at(step);
+  const std::optional<Posed> posed = poseOf(indexed);
+  ScanRecord record;
+  record.path = path(step).string();
+  record.stamp_s = seconds(indexed.stamp_ns);
+  try {
+    const bags::CloudMessage cloud =
+        bags::readCloud(cloud_kind_, recordings_[indexed.file]->read(indexed.place), wire_);
+    record.T_W_S = posed->T_W_cloud;
+    if (!uses_[indexed.frame].registered) {
+      if (scale_ && removeMotion(indexed, cloud, *posed, record)) return record;
+      bags::appendPoints(cloud, record.points_S);
+      if (exclude_box_S_)
+        record.excluded_points = leaveOutInside(*exclude_box_S_, Eigen::Isometry3d::Identity(), record.points_S);
+      return record;
+    }
+    bags::appendPoints(cloud, record.points_W);
+    if (!posed->T_W_cloud.matrix().isIdentity(0))
+      for (Eigen::Vector3d& p : record.points_W) p = posed->T_W_cloud * p;
+    if (exclude_box_S_)
+      record.excluded_points =
+          leaveOutInside(*exclude_box_S_, posed->T_W_sensor.inverse(Eigen::Isometry), record.points_W);
+    record.origins_W = {posed->T_W_sensor.translation()};
+    record.T_W_S = Eigen::Isometry3d::Identity();
+    return record;
+  } catch (const bags::MessageError&) {
+    throw InputError("input.changed", forMessage(path(step).native()), "changed since it was first read",
+                     "Wait until it is complete");
+  }
+}
+
+std::uint64_t RecordingSteps::heldBytes() const {
+  std::uint64_t bytes = steps_.capacity() * sizeof(IndexedCloud) + frames_.heldBytes();
+  if (file_) bytes += file_->poses.capacity() * sizeof(PoseEntry);
+  for (const auto& recording : recordings_) bytes += recording->heldBytes();
+  return bytes;
+}
+
+}  // namespace accessvdb::io

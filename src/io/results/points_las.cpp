@@ -1,0 +1,179 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "io/results/points_las.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <ostream>
+#include <string>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/surface_points.h"
+#include "io/results/label_colours.h"
+#include "io/results/points_ply.h"
+#include "io/results/program_version.h"
+
+namespace accessvdb::internal {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
+
+/// Types of the specification's table "Extra Bytes".
+enum class ExtraType : std::uint8_t { U8 = 1, U16 = 3, F32 = 9 };
+
+#pragma pack(push, 1)
+struct LasHeader {
+  char magic[4] = {'L', 'A', 'S', 'F'};
+  std::uint16_t source_id = 0;
+  std::uint16_t global_encoding = 1 << 4;  ///< point formats from 6 on require that a frame, if any, is given as WKT
+  char guid[16] = {};
+  std::uint8_t major = 1, minor = 4;
+  char system[32] = "AccessVDB";
+  char software[32] = {};
+  std::uint16_t day = 0, year = 0;  ///< none: the same input gives the same bytes
+  std::uint16_t header_bytes = 375;
+  std::uint32_t data_offset = 0;
+  std::uint32_t records = 1;
+  std::uint8_t format = 7;
+  std::uint16_t point_bytes = 0;
+  std::uint32_t legacy_points = 0, legacy_by_return[5] = {};
+  double scale[3] = {kLasScale_m, kLasScale_m, kLasScale_m};
+  double offset[3] = {};
+  double max_min[6] = {};  ///< max x, min x, max y ...
+  std::uint64_t waveforms = 0, extended_records = 0;
+  std::uint32_t extended_count = 0;
+  std::uint64_t points = 0, by_return[15] = {};
+};
+struct RecordHead {
+  std::uint16_t reserved = 0;
+  char user[16] = "LASF_Spec";
+  std::uint16_t id = 4;  ///< extra bytes
+  std::uint16_t bytes = 0;
+  char description[32] = "Columns of AccessVDB";
+};
+struct ExtraBytes {
+  std::uint8_t reserved[2] = {};
+  ExtraType type = ExtraType::U8;
+  std::uint8_t options = 0;
+  char name[32] = {};
+  std::uint8_t unused[4] = {}, no_data[24] = {}, min[24] = {}, max[24] = {};
+  double scale[3] = {}, offset[3] = {};
+  char description[32] = {};
+};
+struct LasPoint {
+  std::int32_t xyz[3] = {};
+  std::uint16_t intensity = 0;
+  std::uint8_t returns = 1 | 1 << 4;  ///< the first of one
+  std::uint8_t flags = 0, classification = 0, user_data = 0;
+  std::int16_t scan_angle = 0;
+  std::uint16_t source_id = 0;
+  double gps_time = 0;
+  std::uint16_t rgb[3] = {};
+  // Extra bytes.
+  std::uint8_t label = 0, reason = 0;
+  std::uint16_t score = 0;
+  float confidence = 0, yaw_deg = 0;
+};
+#pragma pack(pop)
+static_assert(sizeof(LasHeader) == 375 && sizeof(RecordHead) == 54 && sizeof(ExtraBytes) == 192);
+static_assert(sizeof(LasPoint) == 36 + 12);
+
+struct Column {
+  ExtraType type;
+  const char* name;
+  const char* description;
+};
+constexpr std::array<Column, 5> kColumns = {{{ExtraType::U8, "label", "0 unscored 1 accessible 2 blocked"},
+                                             {ExtraType::U8, "reason", "why it is not accessible"},
+                                             {ExtraType::U16, "score", "fewest collisions, 65535 none"},
+                                             {ExtraType::F32, "confidence", "0 up to below 1"},
+                                             {ExtraType::F32, "yaw", "of the direction, degrees"}}};
+
+template <std::size_t kSize>
+void copyText(char (&to)[kSize], const std::string& text) {
+  std::memcpy(to, text.data(), std::min(kSize, text.size()));
+}
+
+template <typename T>
+void write(std::ostream& stream, const T& value) {
+  stream.write(reinterpret_cast<const char*>(&value), sizeof value);
+}
+
+/// In steps of the scale from the origin.
+std::int32_t stored(double x_W, double origin_W) {
+  const double steps = std::round((x_W - origin_W) / kLasScale_m);
+  if (!(std::abs(steps) < std::numeric_limits<std::int32_t>::max())) {
+    throw OutputError("output.las_range", "points.las", "cannot store a point farther than 214 km from the origin",
+                      "Use points_format ply");
+  }
+  return static_cast<std::int32_t>(steps);
+}
+
+LasHeader headerOf(const LasContent& content) {
+  LasHeader header;
+  copyText(header.software, std::string("AccessVDB ") + programVersion());
+  header.data_offset = sizeof(LasHeader) + sizeof(RecordHead) + kColumns.size() * sizeof(ExtraBytes);
+  header.point_bytes = sizeof(LasPoint);
+  header.points = header.by_return[0] = content.points;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double origin_W = content.origin_W[axis];
+    header.offset[axis] = origin_W;
+    if (content.points == 0) continue;
+    header.max_min[2 * axis] = stored(content.max_W[axis], origin_W) * kLasScale_m + origin_W;
+    header.max_min[2 * axis + 1] = stored(content.min_W[axis], origin_W) * kLasScale_m + origin_W;
+  }
+  return header;
+}
+
+}  // namespace
+
+LasWriter::LasWriter(std::ostream& stream, const LasContent& content) : stream_(stream), origin_W_(content.origin_W) {
+  write(stream_, headerOf(content));
+  RecordHead head;
+  head.bytes = kColumns.size() * sizeof(ExtraBytes);
+  write(stream_, head);
+  for (const Column& column : kColumns) {
+    ExtraBytes extra;
+    extra.type = column.type;
+    copyText(extra.name, column.name);
+    copyText(extra.description, column.description);
+    write(stream_, extra);
+  }
+}
+
+void LasWriter::add(const SurfacePoint& point) {
+  LasPoint record;
+  for (int axis = 0; axis < 3; ++axis) record.xyz[axis] = stored(point.position_W[axis], origin_W_[axis]);
+  const auto colour = colourOf(point.label);
+  for (std::size_t n = 0; n < 3; ++n) record.rgb[n] = static_cast<std::uint16_t>(colour[n] * 257);
+  record.label = static_cast<std::uint8_t>(point.label);
+  record.reason = static_cast<std::uint8_t>(point.reason);
+  record.score = point.score;
+  record.confidence = point.confidence;
+  record.yaw_deg = static_cast<float>(point.yaw_rad * kDegreesPerRadian);
+  write(stream_, record);
+}
+
+}  // namespace accessvdb::internal
+
+namespace accessvdb::io {
+
+void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points) {
+  internal::LasContent content = {points.origin_W(), {}, {}, points.size()};
+  Eigen::AlignedBox3d box;
+  for (std::size_t n = 0; n < points.size(); ++n) box.extend(points.position_W(n));
+  content.min_W = box.min();
+  content.max_W = box.max();
+  writeFileDurably(path, [&](std::ostream& stream) {
+    internal::LasWriter writer(stream, content);
+    for (std::size_t n = 0; n < points.size(); ++n) writer.add(points.at(n));
+  });
+}
+
+}  // namespace accessvdb::io

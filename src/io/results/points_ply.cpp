@@ -1,0 +1,124 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Writing points.ply: binary, little endian, world positions as doubles, so that UTM coordinates keep their
+/// millimetres.
+#include "io/results/points_ply.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cstring>
+#include <ostream>
+#include <vector>
+
+#include "accessvdb/field_io.h"
+#include "accessvdb/surface_points.h"
+#include "io/results/label_colours.h"
+#include "io/results/program_version.h"
+
+namespace accessvdb::io {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
+
+/// Shortest text that reads back as the same double, whatever the locale.
+std::string exactText(double value) {
+  std::array<char, 40> text;
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), value).ptr;
+  return {text.data(), end};
+}
+
+/// A header comment is one line of printable text.
+std::string oneLine(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
+  }
+  return text;
+}
+
+/// Files of yaw have the columns that they had from the start.
+internal::PointsPlyColumns columnsOf(const FieldMetadata& metadata) {
+  const auto has = [&](const char* name) {
+    return std::any_of(metadata.begin(), metadata.end(), [&](const auto& entry) { return entry.first == name; });
+  };
+  return {has("orientations"), has("orientations") && has("rolls"), has("tools")};
+}
+
+void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
+  stream << "ply\nformat binary_little_endian 1.0\n";
+  stream << "comment AccessVDB " << internal::programVersion() << "\n";
+  stream << "comment origin_W " << exactText(points.origin_W().x()) << " " << exactText(points.origin_W().y()) << " "
+         << exactText(points.origin_W().z()) << "\n";
+  stream << "comment voxel_size_m " << exactText(points.voxel_size_m()) << "\n";
+  for (const auto& [name, text] : metadata) {
+    if (name.empty() || name == "origin_W" || name == "voxel_size_m") continue;
+    stream << "comment " << oneLine(name) << " " << oneLine(text) << "\n";
+  }
+  stream << "element vertex " << std::to_string(points.size()) << "\n";
+  for (const auto& property : internal::kPointsPlyProperties) {
+    stream << "property " << property.type << " " << property.name << "\n";
+  }
+  const internal::PointsPlyColumns columns = columnsOf(metadata);
+  for (const auto& property : internal::kPointsPlyOrientation) {
+    if (columns.orientation) stream << "property " << property.type << " " << property.name << "\n";
+  }
+  if (columns.roll) {
+    stream << "property " << internal::kPointsPlyRoll.type << " " << internal::kPointsPlyRoll.name << "\n";
+  }
+  for (const auto& property : internal::kPointsPlyTools) {
+    if (columns.tools) stream << "property " << property.type << " " << property.name << "\n";
+  }
+  stream << "end_header\n";
+}
+
+template <typename T>
+char* put(char* to, const T& value) {
+  std::memcpy(to, &value, sizeof(T));
+  return to + sizeof(T);
+}
+
+char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyColumns& columns) {
+  for (int axis = 0; axis < 3; ++axis) to = put(to, point.position_W[axis]);
+  for (int axis = 0; axis < 3; ++axis) to = put(to, point.normal_W[axis]);
+  to = put(to, internal::colourOf(point.label));
+  to = put(to, static_cast<std::uint8_t>(point.label));
+  to = put(to, static_cast<std::uint8_t>(point.reason));
+  to = put(to, point.score);
+  to = put(to, point.confidence);
+  to = put(to, point.stability);
+  for (int axis = 0; axis < 3; ++axis) to = put(to, point.direction_W[axis]);
+  to = put(to, static_cast<float>(point.yaw_rad * internal::kDegreesPerRadian));
+  if (columns.orientation) {
+    const Eigen::Quaternionf& q = point.orientation_WT;
+    for (const float part : {q.w(), q.x(), q.y(), q.z()}) to = put(to, part);
+    to = put(to, point.direction);
+  }
+  if (columns.roll) to = put(to, point.roll);
+  return columns.tools ? put(put(to, point.tool), point.tools) : to;
+}
+
+}  // namespace
+
+void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points, const FieldMetadata& metadata) {
+  writeFileDurably(path, [&](std::ostream& stream) {
+    writeHeader(stream, points, metadata);
+    const internal::PointsPlyColumns columns = columnsOf(metadata);
+    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * columns.recordBytes());
+    char* to = block.data();
+    for (std::size_t n = 0; n < points.size(); ++n) {
+      to = putRecord(to, points.at(n), columns);
+      if (to == block.data() + block.size()) {
+        stream.write(block.data(), static_cast<std::streamsize>(block.size()));
+        to = block.data();
+      }
+    }
+    stream.write(block.data(), to - block.data());
+  });
+}
+
+void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata) {
+  writePointsPly(path, SnapshotPoints(field), metadata);
+}
+
+}  // namespace accessvdb::io
