@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "accessvdb/html_report.h"
+#include "accessvdb/program/html_report.h"
 
 #include <Eigen/Geometry>
 #include <array>

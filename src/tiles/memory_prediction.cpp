@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "accessvdb/memory_prediction.h"
+#include "accessvdb/program/memory_prediction.h"
 
 #include <algorithm>
 #include <cmath>

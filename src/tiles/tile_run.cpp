@@ -12,7 +12,7 @@
 #include <ostream>
 
 #include "accessvdb/error.h"
-#include "accessvdb/memory_prediction.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tiles.h"
 #include "accessvdb/tool_tables.h"

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The predicted counts against exact sets, filled voxel by voxel.
-#include "accessvdb/memory_prediction.h"
+#include "accessvdb/program/memory_prediction.h"
 
 #include <gtest/gtest.h>
 

@@ -16,7 +16,7 @@ for file in bin/accessvdb "$LIBDIR/libaccessvdb.a" "$LIBDIR/libaccessvdb.so" "$L
 done
 
 # Every public header is there, and no other.
-diff <(cd "$SOURCE/include/accessvdb" && { ls -- *.h; echo config.h; echo device; } | LC_ALL=C sort) \
+diff <(cd "$SOURCE/include/accessvdb" && { ls -- *.h; echo config.h; echo device; echo program; } | LC_ALL=C sort) \
   <(cd include/accessvdb && ls | LC_ALL=C sort) || { echo "headers differ from the public ones"; bad=1; }
 
 # No text file may contain the path of the build or of the first installation.

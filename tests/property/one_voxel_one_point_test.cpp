@@ -20,7 +20,7 @@
 #include "accessvdb/device_view.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/field_io.h"
-#include "accessvdb/points_diff.h"
+#include "accessvdb/program/points_diff.h"
 #include "accessvdb/region.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tsdf_volume.h"

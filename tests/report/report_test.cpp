@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Areas against spheres and walls whose area is known, and the bytes of the page.
-#include "accessvdb/html_report.h"
+#include "accessvdb/program/html_report.h"
 
 #include <gtest/gtest.h>
 

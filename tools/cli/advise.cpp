@@ -8,7 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "accessvdb/memory_prediction.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "cloud_survey.h"
 #include "map_options.h"
 #include "memory_check.h"

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "accessvdb/error.h"
-#include "accessvdb/points_diff.h"
+#include "accessvdb/program/points_diff.h"
 #include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "json_text.h"

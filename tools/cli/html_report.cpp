@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "accessvdb/error.h"
-#include "accessvdb/html_report.h"
+#include "accessvdb/program/html_report.h"
 #include "command_line.h"
 #include "output_files.h"
 #include "stop_signal.h"

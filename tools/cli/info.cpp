@@ -8,7 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "accessvdb/recording_info.h"
+#include "accessvdb/program/recording_info.h"
 #include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "json_text.h"

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "accessvdb/error.h"
-#include "accessvdb/memory_prediction.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "accessvdb/tool_tables.h"
 #include "progress.h"
 #include "stop_signal.h"

@@ -7,7 +7,7 @@
 #include <functional>
 #include <optional>
 
-#include "accessvdb/memory_prediction.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "accessvdb/tool_geometry.h"

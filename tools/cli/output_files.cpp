@@ -13,7 +13,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "accessvdb/output_file.h"
+#include "accessvdb/program/output_file.h"
 #include "tools_given.h"
 
 namespace accessvdb::tools {

@@ -12,7 +12,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "accessvdb/segment_file.h"
+#include "accessvdb/program/segment_file.h"
 #include "options.h"
 
 namespace accessvdb::tools {

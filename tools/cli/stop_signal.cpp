@@ -9,7 +9,7 @@
 #include <ctime>
 #include <string_view>
 
-#include "accessvdb/output_file.h"
+#include "accessvdb/program/output_file.h"
 
 namespace accessvdb::tools {
 namespace {

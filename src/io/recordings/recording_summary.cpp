@@ -4,7 +4,7 @@
 #include <system_error>
 
 #include "accessvdb/error.h"
-#include "accessvdb/recording_info.h"
+#include "accessvdb/program/recording_info.h"
 #include "io/recordings/recording_index.h"
 #include "io/scans/scan_files.h"
 #include "io/streams/input_file.h"

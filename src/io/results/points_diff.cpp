@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Comparing two maps point by point. The earlier one is kept as a list sorted by voxel; the later one is read past it.
-#include "accessvdb/points_diff.h"
+#include "accessvdb/program/points_diff.h"
 
 #include <tbb/parallel_sort.h>
 

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <ostream>
 
-#include "accessvdb/points_diff.h"
+#include "accessvdb/program/points_diff.h"
 #include "accessvdb/surface_points.h"
 #include "io/results/field_grids.h"
 #include "io/results/label_colours.h"

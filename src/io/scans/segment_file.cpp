@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "accessvdb/segment_file.h"
+#include "accessvdb/program/segment_file.h"
 
 #include <array>
 #include <cmath>

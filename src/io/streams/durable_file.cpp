@@ -31,7 +31,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "accessvdb/output_file.h"
+#include "accessvdb/program/output_file.h"
 
 namespace accessvdb::io {
 namespace {

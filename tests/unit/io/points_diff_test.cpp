@@ -12,7 +12,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
-#include "accessvdb/points_diff.h"
+#include "accessvdb/program/points_diff.h"
 #include "unit/io/parsed_ply.h"
 #include "unit/io/sample_field.h"
 

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What can be cut, from files: boxes by name, or a point cloud in which each point has a segment.
+/// Made for the program `accessvdb`: unlike the headers above this folder, it may change with every version.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What can be written as a file, asked before work begins.
+/// Made for the program `accessvdb`: unlike the headers above this folder, it may change with every version.
 #pragma once
 
 #include <filesystem>

@@ -7,6 +7,7 @@
 /// surface voxels (one point each), and leaves that have any of those. All are numbers of distinct things over all
 /// returns, so they are estimated by HyperLogLog counters: 64 KiB for any number of returns, and threads can merge
 /// theirs.
+/// Made for the program `accessvdb`: unlike the headers above this folder, it may change with every version.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What changed between two maps of the same place: which points opened or closed, and what appeared or is gone.
+/// Made for the program `accessvdb`: unlike the headers above this folder, it may change with every version.
 #pragma once
 
 #include <Eigen/Core>

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// A field as one HTML page that opens by double click, without a network and without installing anything
 /// (docs/report.md).
+/// Made for the program `accessvdb`: unlike the headers above this folder, it may change with every version.
 #pragma once
 
 #include <cstdint>
