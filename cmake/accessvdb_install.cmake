@@ -1,4 +1,4 @@
-# The install tree: headers, both kinds of library, the program, the CMake package and the pkg-config file. It contains
+# The install tree: headers, both kinds of library, the programs, the CMake package and the pkg-config file. It contains
 # no absolute paths, so it can be moved.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
@@ -39,6 +39,9 @@ set_target_properties(accessvdb_api PROPERTIES EXPORT_NAME api)
 
 if(TARGET accessvdb_cli)
   install(TARGETS accessvdb_cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT runtime)
+endif()
+if(TARGET accessvdb_lab)
+  install(TARGETS accessvdb_lab RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT lab)
 endif()
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE ${PROJECT_SOURCE_DIR}/README.md ${PROJECT_SOURCE_DIR}/CHANGELOG.md
         ${PROJECT_SOURCE_DIR}/docs/licences.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/accessvdb COMPONENT runtime)

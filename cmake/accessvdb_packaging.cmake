@@ -1,4 +1,4 @@
-# cpack -G "DEB;TGZ": one archive of everything, and two Debian packages, split like the components of the install rules.
+# cpack -G "DEB;TGZ": one archive of everything, and Debian packages, split like the components of the install rules.
 set(CPACK_PACKAGE_NAME accessvdb)
 set(CPACK_PACKAGE_VENDOR "Contributors to the AccessVDB project")
 set(CPACK_PACKAGE_CONTACT "Contributors to the AccessVDB project <${PROJECT_HOMEPAGE_URL}>")
@@ -7,6 +7,9 @@ set(CPACK_RESOURCE_FILE_LICENSE ${PROJECT_SOURCE_DIR}/LICENSE)
 set(CPACK_GENERATOR TGZ DEB)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_COMPONENTS_ALL runtime development)
+if(TARGET accessvdb_lab)
+  list(APPEND CPACK_COMPONENTS_ALL lab)
+endif()
 set(CPACK_ARCHIVE_COMPONENT_INSTALL OFF)
 set(CPACK_THREADS 0)
 
@@ -25,4 +28,10 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS 
   "libassimp-dev, libbz2-dev, liblz4-dev, liblzf-dev, libpng-dev, libsqlite3-dev, libssl-dev, libzstd-dev, zlib1g-dev, libnanovdb-dev")
 set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "Headers, libraries, CMake package and pkg-config file.")
+# By itself, so that accessvdb brings neither Embree nor Qhull along.
+set(CPACK_DEBIAN_LAB_PACKAGE_NAME accessvdb-lab)
+set(CPACK_DEBIAN_LAB_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_LAB_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_LAB_PACKAGE_DEPENDS "accessvdb (= ${PROJECT_VERSION})")
+set(CPACK_COMPONENT_LAB_DESCRIPTION "The program accessvdb-lab: simulated scans, exact ground truth, benchmarks.")
 include(CPack)

@@ -13,7 +13,8 @@ bin=build/release/bin
 # is found.
 cuda=-DACCESSVDB_CUDA=OFF
 if [[ -e /proc/driver/nvidia/version ]] || command -v nvidia-smi >/dev/null; then cuda=-DACCESSVDB_CUDA=AUTO; fi
-./tools/build_preset.sh release "$cuda" -DACCESSVDB_PYTHON=OFF -DACCESSVDB_PCL=OFF accessvdb_cli make_sample_scans >&2
+./tools/build_preset.sh release "$cuda" -DACCESSVDB_LAB=OFF -DACCESSVDB_DDS=OFF -DACCESSVDB_PYTHON=OFF -DACCESSVDB_PCL=OFF \
+  accessvdb_cli make_sample_scans >&2
 
 # Scans of the last run are reused if the settings and the program that made them are the same.
 settings="--frames 40 --rays 20000 --seed 1 --range-noise 0.01"

@@ -232,7 +232,7 @@ if wanted stream; then
     awk 'BEGIN { printf "{" } { sub(/,$/, ""); printf "%s%s", (NR > 1 ? ", " : ""), $0 } END { print "}" }' >"$out/stream_counters.json"
 fi
 
-# Rows of `accessvdb bench`: NAME, most SECONDS, and flags. On the GPU over 200 frames past bench_points surface points;
+# Rows of `accessvdb-lab bench`: NAME, most SECONDS, and flags. On the GPU over 200 frames past bench_points surface points;
 # where places are seen again, also past the time when more than 6 % of the returns are new, but from frame 1 500 on in
 # any case; for the exact policy, with an update after every tenth scan until 20 frames before. On the processor with
 # few frames, as a laptop has time for.
@@ -302,7 +302,7 @@ measure_rows() {  # measure_rows "ROWS" FLAGS...
     start=$(date +%s.%N)
     rm -f "$out/bench_$name.json"
     # shellcheck disable=SC2086  # options, one word each
-    timeout -s INT -k 10 "$limit" "$bin/accessvdb" bench --scene pine "$@" $flags $bench_options \
+    timeout -s INT -k 10 "$limit" "$bin/accessvdb-lab" bench --scene pine "$@" $flags $bench_options \
       --out "$out/bench_$name.json" --per-frame "$out/bench_$name.csv" >"$out/bench_$name.log" 2>&1 </dev/null
     code=$?
     if ((code == 0)); then outcome=passed; else outcome=failed; fi

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Builds the program without a GPU and makes what can be downloaded: the two Debian packages, and a tarball that runs
-# without installing anything. Prints each file with its size.
+# Builds the programs without a GPU and makes what can be downloaded: the three Debian packages, and a tarball that
+# runs without installing anything. Prints each file with its size.
 #   make_packages.sh [OUT] [--limit MB] [-DNAME=VALUE...]     OUT: out/packages unless given; the tarball: at most 40 MB
 # Only whole files reach OUT. -D goes to CMake. What the tarball contains is said in docs/licences.md.
 set -euo pipefail
@@ -41,7 +41,7 @@ refuse_data() {  # refuse_data FILE...
 }
 
 build=$source/build/packages
-"$source/tools/build_preset.sh" packages ${settings[@]+"${settings[@]}"} accessvdb accessvdb_cli accessvdb_shared make_sample_scans >&2 ||
+"$source/tools/build_preset.sh" packages ${settings[@]+"${settings[@]}"} accessvdb accessvdb_cli accessvdb_lab accessvdb_shared make_sample_scans >&2 ||
   fail "the build failed, see above"
 
 mkdir -p "$(dirname "$out")"
@@ -56,7 +56,7 @@ refuse_data "$stage"/done/*
 version=$(sed -n 's/^set(CPACK_PACKAGE_VERSION "\(.*\)")/\1/p' "$build/CPackConfig.cmake")
 name=accessvdb-$version-linux-$(uname -m)
 "$source/tools/make_portable.sh" --name "$name" --limit "$limit" --headers-of "$build" "$stage/done/$name.tar.xz" - \
-  "$build/bin/accessvdb" "$build/bin/make_sample_scans" >"$stage/log" || fail "no tarball, see above"
+  "$build/bin/accessvdb" "$build/bin/accessvdb-lab" "$build/bin/make_sample_scans" >"$stage/log" || fail "no tarball, see above"
 
 refuse_data "$stage/done/$name.tar.xz"
 

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A survey of any size from a few scans: the same scans again at the places of a grid, as links, with shifted poses.
 
-    accessvdb simulate --scene pine --frames 60 --out tree/
+    accessvdb-lab simulate --scene pine --frames 60 --out tree/
     tools/repeat_scans.py tree/ survey/ --copies 1100 --spacing 8
     accessvdb map --scans survey/scans --poses survey/poses.txt --tool builtin:pruner --voxel 0.05 --max-memory 4G --out out/
 

@@ -7,6 +7,7 @@
 #   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
 #   setup_debian.sh --python  also what the Python module needs
 #   setup_debian.sh --live    also Fast DDS, for the verb live
+#   setup_debian.sh --lab     also Embree and Qhull, for accessvdb-lab
 #   setup_debian.sh --tests   also what the test suite needs, all of these included; with npm, the packages of
 #                             tests/recordings/package.json in build/npm
 #   setup_debian.sh --all     everything
@@ -27,9 +28,9 @@ packages=(
   libassimp-dev                                         # tool meshes
   libpng-dev libssl-dev nlohmann-json3-dev              # pictures, hashes, reports
   libcli11-dev libtomlplusplus-dev                      # the command line
-  libembree-dev libqhull-dev                            # simulate and evaluate
 )
 live=(libfastrtps-dev libfastcdr-dev)
+lab=(libembree-dev libqhull-dev)
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
 tests=(blender libgtest-dev libbenchmark-dev binutils bzip2 ccache mold clang-format cyclonedds-dev cyclonedds-tools
   dpkg-dev file libopenvdb-tools lz4
@@ -44,11 +45,12 @@ for argument in "$@"; do
     --pcl) packages+=(libpcl-dev) ;;
     --python) packages+=("${python[@]}") ;;
     --live) packages+=("${live[@]}") ;;
+    --lab) packages+=("${lab[@]}") ;;
     --tests | --all)
       with_tests=true
-      packages+=(libpcl-dev "${python[@]}" "${live[@]}" "${tests[@]}")
+      packages+=(libpcl-dev "${python[@]}" "${live[@]}" "${lab[@]}" "${tests[@]}")
       ;;
-    *) fail "unknown option '$argument'. Use --pcl, --python, --live, --tests, --all, --list or nothing." ;;
+    *) fail "unknown option '$argument'. Use --pcl, --python, --live, --lab, --tests, --all, --list or nothing." ;;
   esac
 done
 mapfile -t packages < <(printf '%s\n' "${packages[@]}" | awk '!seen[$0]++')

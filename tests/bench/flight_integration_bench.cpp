@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Only fusion, on the flight of `accessvdb bench --scene pine`: the parts of `integrate` of that verb.
+/// Only fusion, on the flight of `accessvdb-lab bench --scene pine`: the parts of `integrate` of that verb.
 ///
 /// Replays the same scans into fresh maps, round after round, and prints milliseconds per frame over the last frames:
 ///   fuse    ScanIntegrator::integrate, everything

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The host's work for the mirror, without a device: the changes of the flight of `accessvdb bench --scene pine` go
+/// The host's work for the mirror, without a device: the changes of the flight of `accessvdb-lab bench --scene pine` go
 /// into a mirror changed in place and into one whose arena takes batches, as a device does, and discards them.
 ///
 /// Prints milliseconds per frame, wall-clock and processor time over all threads, over the last frames:

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// For benchmarks of single stages: the scans of `accessvdb bench --scene pine` with its defaults, options from the
+/// For benchmarks of single stages: the scans of `accessvdb-lab bench --scene pine` with its defaults, options from the
 /// environment, and clocks.
 #pragma once
 

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The host's work for points when a device chooses and scores (update/exact_on_device.cpp), without a device: a dummy
-/// updater takes everything and does nothing. The flight is that of `accessvdb bench --scene pine`.
+/// updater takes everything and does nothing. The flight is that of `accessvdb-lab bench --scene pine`.
 ///
 /// Prints milliseconds per frame, wall-clock and processor time over all threads, over the last frames:
 ///   returns   PointStore::addReturns, which describes new and touched points, part of the verb's `integrate`

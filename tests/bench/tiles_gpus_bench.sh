@@ -4,7 +4,7 @@
 # What a second GPU brings: all tiles of a generated survey on one GPU with 16 cores, then on two with 32, both by
 # accessvdb.tiles and Dask. Prints one line per run, the efficiency T1 / (2 T2), and whether the merged files are equal.
 #   tiles_gpus_bench.sh PROGRAM WORK [COPIES] [PROCESSES_PER_GPU] [ROUNDS]
-# PROGRAM: accessvdb; WORK: a new folder. In the environment: PYTHON, an interpreter with the modules distributed and
+# PROGRAM: accessvdb, with accessvdb-lab beside it; WORK: a new folder. In the environment: PYTHON, an interpreter with the modules distributed and
 # accessvdb; VOXEL and TILES, in metres.
 set -euo pipefail
 program=$(realpath -s "${1:?usage: tiles_gpus_bench.sh PROGRAM WORK [COPIES] [PROCESSES_PER_GPU] [ROUNDS]}")
@@ -15,7 +15,7 @@ tools=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../tools" && pwd)
 mkdir "$work"
 cd "$work"
 export ACCESSVDB_PROGRAM=$program
-"$program" simulate --scene pine --frames 60 --range-noise 0.02 --out tree >simulate.log 2>&1
+"$program-lab" simulate --scene pine --frames 60 --range-noise 0.02 --out tree >simulate.log 2>&1
 python3 "$tools/repeat_scans.py" tree survey --copies "$copies" --spacing 8
 "$program" tile plan planned --scans survey/scans --poses survey/poses.txt --tool builtin:pruner --voxel "$voxel" --tiles "$tiles" --device cuda >plan.log 2>&1
 seconds() { date +%s.%N; }

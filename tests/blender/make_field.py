@@ -12,7 +12,7 @@ import pyopenvdb
 import hook
 from field_under_test import EDGE_OF_TILES_M, FIELD, FIELD_IN_TILES, FIELD_Y_UP, TOOL, VOLUME, WORK
 
-PROGRAM = os.environ["PROGRAM"]
+PROGRAM, LAB_PROGRAM = os.environ["PROGRAM"], os.environ["LAB_PROGRAM"]
 
 
 def text(vector):
@@ -24,7 +24,7 @@ def main():
     for folder in (scans, FIELD, FIELD_Y_UP, FIELD_IN_TILES):
         shutil.rmtree(folder, ignore_errors=True)
     hook.write_stl(TOOL)
-    subprocess.run([PROGRAM, "simulate", "--scene", "torus", "--frames", "16", "--seed", "1", "--out", scans],
+    subprocess.run([LAB_PROGRAM, "simulate", "--scene", "torus", "--frames", "16", "--seed", "1", "--out", scans],
                    check=True)
     for folder, options in ((FIELD, []), (FIELD_Y_UP, ["--up-axis", "y", "--half", "--surface"]),
                             (FIELD_IN_TILES, ["--tiles", str(EDGE_OF_TILES_M)])):

@@ -22,9 +22,8 @@ class Advise : public ProgramTest {
     mesh +=
         "f 1 2 4\nf 1 4 3\nf 5 7 8\nf 5 8 6\nf 1 5 6\nf 1 6 2\nf 3 4 8\nf 3 8 7\nf 1 3 7\nf 1 7 5\nf 2 6 8\nf 2 8 4\n";
     writeText("house.obj", mesh);
-    const ProgramResult result =
-        runProgram({"simulate", "--scene", path("house.obj"), "--mesh-unit", "m", "--trajectory", "orbit", "--frames",
-                    "30", "--range-noise", noise_m, "--out", path(out)});
+    const ProgramResult result = runLab({"simulate", "--scene", path("house.obj"), "--mesh-unit", "m", "--trajectory",
+                                         "orbit", "--frames", "30", "--range-noise", noise_m, "--out", path(out)});
     ASSERT_EQ(result.exit_code, 0) << result.err;
     std::filesystem::remove(path(out + "/range_noise.txt"));
   }

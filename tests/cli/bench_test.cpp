@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb bench as a user sees it: consistent figures, one-line errors.
+/// accessvdb-lab bench as a user sees it: consistent figures, one-line errors.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -44,7 +44,7 @@ class Bench : public ProgramTest {
   void expectRefused(Flags flags, int exit_code, const std::string& said) const {
     SCOPED_TRACE(said);
     flags["--out"] = path("refused.json");
-    const ProgramResult result = runProgram(arguments(flags));
+    const ProgramResult result = runLab(arguments(flags));
     EXPECT_EQ(result.exit_code, exit_code) << result.err;
     EXPECT_NE(result.err.find(said), std::string::npos) << result.err;
     EXPECT_EQ(result.err.rfind("accessvdb: error[", 0), 0u) << result.err;
@@ -67,7 +67,7 @@ std::vector<std::vector<double>> numbersOf(const std::string& csv, std::string& 
 }
 
 TEST_F(Bench, ABudgetLeavesABacklog) {
-  const ProgramResult result = runProgram(
+  const ProgramResult result = runLab(
       arguments({{"--budget-points", "25"}, {"--out", path("bench.json")}, {"--per-frame", path("frames.csv")}}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const json bench = json::parse(readText("bench.json"));
@@ -79,8 +79,7 @@ TEST_F(Bench, ABudgetLeavesABacklog) {
 }
 
 TEST_F(Bench, FiguresAgreeWithEachOther) {
-  const ProgramResult result =
-      runProgram(arguments({{"--out", path("bench.json")}, {"--per-frame", path("frames.csv")}}));
+  const ProgramResult result = runLab(arguments({{"--out", path("bench.json")}, {"--per-frame", path("frames.csv")}}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const json bench = json::parse(readText("bench.json"));
   EXPECT_EQ(bench["frames"], kFrames);
@@ -155,10 +154,9 @@ TEST_F(Bench, FiguresAgreeWithEachOther) {
 
 /// With the flag, its figures are added to all others; without it, nothing of it shows.
 TEST_F(Bench, TheMirrorOfDistancesHasFiguresOfItsOwn) {
-  ASSERT_EQ(runProgram(arguments({{"--out", path("without.json")}, {"--per-frame", path("without.csv")}})).exit_code,
-            0);
-  const ProgramResult result = runProgram(
-      arguments({{"--out", path("with.json")}, {"--per-frame", path("with.csv")}, {"--mirror-distance", ""}}));
+  ASSERT_EQ(runLab(arguments({{"--out", path("without.json")}, {"--per-frame", path("without.csv")}})).exit_code, 0);
+  const ProgramResult result =
+      runLab(arguments({{"--out", path("with.json")}, {"--per-frame", path("with.csv")}, {"--mirror-distance", ""}}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const json without = json::parse(readText("without.json")), with = json::parse(readText("with.json"));
   EXPECT_EQ(without["parameters"]["mirror_distance"], false);
@@ -186,7 +184,7 @@ TEST_F(Bench, TheMirrorOfDistancesHasFiguresOfItsOwn) {
 TEST_F(Bench, TheSameStreamOnAnyNumberOfThreads) {
   std::vector<std::vector<double>> first;
   for (const char* threads : {"1", "2"}) {
-    const ProgramResult result = runProgram(arguments({{"--threads", threads}, {"--per-frame", path("frames.csv")}}));
+    const ProgramResult result = runLab(arguments({{"--threads", threads}, {"--per-frame", path("frames.csv")}}));
     ASSERT_EQ(result.exit_code, 0) << result.err;
     EXPECT_EQ(json::parse(result.out)["threads"], std::stoi(threads)) << "without --out the figures go to stdout";
     std::string header;
@@ -198,11 +196,11 @@ TEST_F(Bench, TheSameStreamOnAnyNumberOfThreads) {
 }
 
 TEST_F(Bench, EndsAfterTheTimedPartWithShortest) {
-  const ProgramResult result = runProgram(arguments({{"--frames", "60"},
-                                                     {"--timed-frames", "2"},
-                                                     {"--min-surface-points", "2000"},
-                                                     {"--shortest", ""},
-                                                     {"--out", path("bench.json")}}));
+  const ProgramResult result = runLab(arguments({{"--frames", "60"},
+                                                 {"--timed-frames", "2"},
+                                                 {"--min-surface-points", "2000"},
+                                                 {"--shortest", ""},
+                                                 {"--out", path("bench.json")}}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const json bench = json::parse(readText("bench.json"));
   EXPECT_GE(bench["surface_points"]["timed_begin"], 2000);
@@ -214,15 +212,15 @@ TEST_F(Bench, EndsAfterTheTimedPartWithShortest) {
 
 /// The share of new points and the hits per voxel, computed again from the figures of every frame.
 TEST_F(Bench, SaysHowOftenPlacesAreSeenAgain) {
-  const ProgramResult result = runProgram(arguments({{"--path", "orbit"},
-                                                     {"--frames", "40"},
-                                                     {"--timed-frames", "5"},
-                                                     {"--min-surface-points", "3000"},
-                                                     {"--max-new-percent", "50"},
-                                                     {"--begin-by", "35"},
-                                                     {"--shortest", ""},
-                                                     {"--per-frame", path("frames.csv")},
-                                                     {"--out", path("bench.json")}}));
+  const ProgramResult result = runLab(arguments({{"--path", "orbit"},
+                                                 {"--frames", "40"},
+                                                 {"--timed-frames", "5"},
+                                                 {"--min-surface-points", "3000"},
+                                                 {"--max-new-percent", "50"},
+                                                 {"--begin-by", "35"},
+                                                 {"--shortest", ""},
+                                                 {"--per-frame", path("frames.csv")},
+                                                 {"--out", path("bench.json")}}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const json bench = json::parse(readText("bench.json"));
   EXPECT_EQ(bench["stream"]["path"], "orbit");
@@ -267,9 +265,9 @@ TEST_F(Bench, SaysHowOftenPlacesAreSeenAgain) {
 
 /// Same stream, same counters, one by one; only the times are others.
 TEST_F(Bench, PipelinedDoesTheSameWork) {
-  ASSERT_EQ(runProgram(arguments({{"--out", path("one.json")}, {"--per-frame", path("one.csv")}})).exit_code, 0);
+  ASSERT_EQ(runLab(arguments({{"--out", path("one.json")}, {"--per-frame", path("one.csv")}})).exit_code, 0);
   const ProgramResult result =
-      runProgram(arguments({{"--out", path("two.json")}, {"--per-frame", path("two.csv")}, {"--pipelined", ""}}));
+      runLab(arguments({{"--out", path("two.json")}, {"--per-frame", path("two.csv")}, {"--pipelined", ""}}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const json one = json::parse(readText("one.json")), two = json::parse(readText("two.json"));
   EXPECT_EQ(one["pipelined"], false);
@@ -293,13 +291,13 @@ TEST_F(Bench, PipelinedDoesTheSameWork) {
 
 /// The timed part begins where --begin-by says, although there are too few points, and the record says so.
 TEST_F(Bench, BeginsInAnyCaseByTheFrameThatWasAskedFor) {
-  const ProgramResult result = runProgram(arguments({{"--path", "hover"},
-                                                     {"--frames", "60"},
-                                                     {"--timed-frames", "2"},
-                                                     {"--min-surface-points", "1000000"},
-                                                     {"--begin-by", "3"},
-                                                     {"--shortest", ""},
-                                                     {"--out", path("bench.json")}}));
+  const ProgramResult result = runLab(arguments({{"--path", "hover"},
+                                                 {"--frames", "60"},
+                                                 {"--timed-frames", "2"},
+                                                 {"--min-surface-points", "1000000"},
+                                                 {"--begin-by", "3"},
+                                                 {"--shortest", ""},
+                                                 {"--out", path("bench.json")}}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const json bench = json::parse(readText("bench.json"));
   EXPECT_EQ(bench["frames"], 5);
@@ -318,7 +316,7 @@ TEST_F(Bench, WarmsUpWithFewerUpdates) {
   fewer["--per-frame"] = path("fewer.csv");
   Flags later = shortest;  // as many frames as with the 20 that come between
   later["--begin-by"] = "50";
-  for (const Flags& flags : {later, fewer}) ASSERT_EQ(runProgram(arguments(flags)).exit_code, 0);
+  for (const Flags& flags : {later, fewer}) ASSERT_EQ(runLab(arguments(flags)).exit_code, 0);
   const json every = json::parse(readText("every.json")), few = json::parse(readText("fewer.json"));
   EXPECT_EQ(every["warm_up_update_every"], 1);
   EXPECT_EQ(few["warm_up_update_every"], 7);
@@ -336,12 +334,12 @@ TEST_F(Bench, WarmsUpWithFewerUpdates) {
 
 /// If the timed part never begins, the last frames are the timed ones: they have an update each, too.
 TEST_F(Bench, AWarmUpEndsBeforeTheLastFrames) {
-  const ProgramResult result = runProgram(arguments({{"--frames", "40"},
-                                                     {"--min-surface-points", "1000000"},
-                                                     {"--shortest", ""},
-                                                     {"--warm-up-update-every", "40"},
-                                                     {"--out", path("bench.json")},
-                                                     {"--per-frame", path("frames.csv")}}));
+  const ProgramResult result = runLab(arguments({{"--frames", "40"},
+                                                 {"--min-surface-points", "1000000"},
+                                                 {"--shortest", ""},
+                                                 {"--warm-up-update-every", "40"},
+                                                 {"--out", path("bench.json")},
+                                                 {"--per-frame", path("frames.csv")}}));
   EXPECT_EQ(result.exit_code, 4) << result.err;
   std::string header;
   const auto rows = numbersOf(readText("frames.csv"), header);
@@ -350,8 +348,7 @@ TEST_F(Bench, AWarmUpEndsBeforeTheLastFrames) {
 }
 
 TEST_F(Bench, TooFewPointsIsCode4AndKeepsTheFigures) {
-  const ProgramResult result =
-      runProgram(arguments({{"--min-surface-points", "1000000"}, {"--out", path("bench.json")}}));
+  const ProgramResult result = runLab(arguments({{"--min-surface-points", "1000000"}, {"--out", path("bench.json")}}));
   EXPECT_EQ(result.exit_code, 4) << result.err;
   EXPECT_NE(result.err.find("error[bench.too_few_points]"), std::string::npos) << result.err;
   EXPECT_EQ(json::parse(readText("bench.json"))["surface_points"]["required"], 1000000);
@@ -407,6 +404,7 @@ TEST_F(Bench, RefusesInOneLine) {
 
 TEST_F(Bench, AStoppedRunKeepsTheFiguresOfWhatItDid) {
   ProgramSetup setup;
+  setup.lab = true;
   setup.arguments = arguments({{"--frames", "20000"}, {"--out", path("bench.json")}});
   setup.signal_after = "replaying";  // said once there are frames
   setup.act = [](pid_t process) { kill(process, SIGINT); };

@@ -14,9 +14,8 @@ class DeskewRuns : public ProgramTest {
  protected:
   void SetUp() override {
     ProgramTest::SetUp();
-    const ProgramResult result =
-        runProgram({"simulate", "--scene", "box", "--trajectory", "walk", "--begin=-0.5,-0.8,-0.2",
-                    "--end=0.5,-0.8,-0.2", "--frames", "5", "--moving", "--out", path("flight")});
+    const ProgramResult result = runLab({"simulate", "--scene", "box", "--trajectory", "walk", "--begin=-0.5,-0.8,-0.2",
+                                         "--end=0.5,-0.8,-0.2", "--frames", "5", "--moving", "--out", path("flight")});
     ASSERT_EQ(result.exit_code, 0) << result.err;
   }
   ProgramResult map(const std::string& out, const std::vector<std::string>& more) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb evaluate as a user sees it: one-line errors, a stop that keeps finished rows.
+/// accessvdb-lab evaluate as a user sees it: one-line errors, a stop that keeps finished rows.
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -23,18 +23,18 @@ class Evaluate : public ProgramTest {
 };
 
 TEST_F(Evaluate, WrongUseIsOneLineAndLeavesNothing) {
-  expectError(runProgram({"evaluate", "--table", "orakel", "--out", path("out")}), 2, "evaluate.table", "clamping");
-  expectError(runProgram({"evaluate", "--out", path("out")}), 2, "usage.missing", "--table");
-  expectError(runProgram({"evaluate", "--table", "fast"}), 2, "usage.missing", "--out");
+  expectError(runLab({"evaluate", "--table", "orakel", "--out", path("out")}), 2, "evaluate.table", "clamping");
+  expectError(runLab({"evaluate", "--out", path("out")}), 2, "usage.missing", "--table");
+  expectError(runLab({"evaluate", "--table", "fast"}), 2, "usage.missing", "--out");
   EXPECT_FALSE(std::filesystem::exists(path("out")));
   writeText("file", "not a folder");
-  const ProgramResult result = runProgram({"evaluate", "--table", "fast", "--out", path("file")});
+  const ProgramResult result = runLab({"evaluate", "--table", "fast", "--out", path("file")});
   EXPECT_EQ(result.exit_code, 7) << result.err;
   EXPECT_EQ(readText("file"), "not a folder");
 }
 
 TEST_F(Evaluate, HelpNamesEveryTable) {
-  const ProgramResult result = runProgram({"evaluate", "--help"});
+  const ProgramResult result = runLab({"evaluate", "--help"});
   EXPECT_EQ(result.exit_code, 0);
   for (const char* table : {"oracle", "voxel", "projective", "clamping", "hpr", "noise", "frames", "directions",
                             "incremental", "unseen", "ring", "unfiltered", "motion", "pine", "fast", "all"}) {
@@ -42,21 +42,9 @@ TEST_F(Evaluate, HelpNamesEveryTable) {
   }
 }
 
-TEST_F(Evaluate, ConsistencyPredictsItsMemoryBeforeTheWork) {
-  writeWallScans();
-  writePoses();
-  const ProgramResult result =
-      runProgram({"evaluate", "--consistency", "--scans", path("scans"), "--poses", path("poses.txt"), "--tool",
-                  "builtin:pencil", "--voxel", "0.05", "--device", "cpu", "--out", path("out")});
-  EXPECT_EQ(result.exit_code, 0) << result.err;
-  const auto predicted = result.err.find("predicted peak memory: "), mapped = result.err.find("even scans");
-  ASSERT_NE(predicted, std::string::npos) << result.err;
-  EXPECT_LT(predicted, mapped);
-  EXPECT_NE(mapped, std::string::npos) << result.err;
-}
-
 TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   ProgramSetup setup;
+  setup.lab = true;
   setup.arguments = {"evaluate", "--table", "frames", "--no-pictures", "--device", "auto", "--out", path("out")};
   setup.signal_after = "points, F1";  // the first run is done
   setup.act = [](pid_t process) { kill(process, SIGINT); };
@@ -74,6 +62,20 @@ TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   EXPECT_EQ(tables["rows"][0]["table"], "frames");
   EXPECT_GT(tables["rows"][0]["n"], 10000);
   EXPECT_NE(readText("out/tables.md").find("| torus | 2 mm | 1000 frames |"), std::string::npos);
+}
+
+/// A run of an earlier version, when evaluate was a verb of accessvdb.
+TEST_F(Evaluate, TablesOfEarlierVersionsAreReplaced) {
+  ProgramSetup setup;
+  setup.lab = true;
+  setup.arguments = {"evaluate", "--table", "frames", "--no-pictures", "--out", path("out")};
+  writeText("out/tables.md", "# Tables\n\n- command: some evaluate --table frames\n");
+  EXPECT_EQ(runProgram(setup).exit_code, 7);
+  writeText("out/tables.md", "# Tables\n\n- command: accessvdb evaluate --table frames\n");
+  setup.signal_after = "accessvdb: ";  // the work has begun
+  setup.act = [](pid_t process) { kill(process, SIGINT); };
+  const ProgramResult result = runProgram(setup);
+  EXPECT_EQ(result.exit_code, 130) << result.err;
 }
 
 }  // namespace

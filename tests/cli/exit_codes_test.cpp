@@ -109,11 +109,23 @@ TEST_F(ExitCodes, UsageBeforeAnythingIsKnown) {
   const ProgramResult verb = runProgram({"frobnicate"});
   EXPECT_EQ(verb.exit_code, 2);
   expectOneErrorLine(verb, "usage.verb");
-  EXPECT_NE(
-      verb.err.find("map, tile, advise, live, simulate, evaluate, bench, info, query, diff, whatif, render and report"),
-      std::string::npos)
+  EXPECT_NE(verb.err.find("map, tile, advise, live, consistency, info, query, diff, whatif, render and report"),
+            std::string::npos)
       << verb.err;
   EXPECT_EQ(runProgram(std::vector<std::string>{}).exit_code, 2);
+  for (const char* name : {"simulate", "evaluate", "bench"}) {
+    for (const char* flag : {"--help", "--out"}) {
+      const ProgramResult moved = runProgram({name, flag});
+      EXPECT_EQ(moved.exit_code, 2);
+      EXPECT_EQ(moved.out, "");
+      expectOneErrorLine(moved, "usage.lab");
+      EXPECT_NE(moved.err.find("accessvdb-lab " + std::string(name)), std::string::npos) << moved.err;
+    }
+  }
+  const ProgramResult lab = runLab({"map"});
+  EXPECT_EQ(lab.exit_code, 2);
+  expectOneErrorLine(lab, "usage.verb");
+  EXPECT_NE(lab.err.find("simulate, evaluate and bench"), std::string::npos) << lab.err;
   for (const std::vector<std::string>& arguments : {std::vector<std::string>{"map", "--frobnicate"},
                                                     {"map", "--voxel", "abc"},
                                                     {"map", "--voxel"},

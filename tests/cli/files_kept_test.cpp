@@ -49,8 +49,12 @@ class KeptFiles : public ProgramTest {
     }
     return flags;
   }
+  [[nodiscard]] static ProgramResult run(const Flags& arguments) {
+    const std::string& verb = arguments.front();
+    return verb == "simulate" || verb == "evaluate" || verb == "bench" ? runLab(arguments) : runProgram(arguments);
+  }
   void succeed(const Flags& arguments) const {
-    const ProgramResult result = runProgram(arguments);
+    const ProgramResult result = run(arguments);
     ASSERT_EQ(result.exit_code, 0) << result.err;
   }
   /// Fails with this code and id in one line, quickly, and nothing is written, changed or deleted.
@@ -59,7 +63,7 @@ class KeptFiles : public ProgramTest {
     for (const std::string& argument : arguments) command += argument + " ";
     SCOPED_TRACE(command);
     const auto before = snapshotOf(folder_);
-    const ProgramResult result = runProgram(arguments);
+    const ProgramResult result = run(arguments);
     EXPECT_EQ(result.exit_code, code) << result.err;
     EXPECT_NE(result.err.find("error[" + id + "]"), std::string::npos) << result.err;
     EXPECT_EQ(result.err.find("error["), result.err.rfind("error[")) << result.err;
@@ -202,23 +206,23 @@ TEST_F(KeptFiles, ResultsOfOthersAreNotReplaced) {
 TEST_F(KeptFiles, ResultsOfOtherVerbsAreReplacedIfTheyAreOurs) {
   succeed(map({"--checkpoint", path("cp")}));
   Flags what_if = {"whatif", path("cp"), "--remove", "box:1.9,-0.1,-0.1,2.1,0.1,0.1", "--out", path("made")};
-  Flags evaluate = {"evaluate",        "--consistency", "--scans", path("scans"), "--poses",
-                    path("poses.txt"), "--voxel",       "0.05",    "--out",       path("made")};
+  Flags consistency = {"consistency", "--scans", path("scans"), "--poses",   path("poses.txt"),
+                       "--voxel",     "0.05",    "--out",       path("made")};
   for (const std::string& flag : tool()) {
     what_if.push_back(flag);
-    evaluate.push_back(flag);
+    consistency.push_back(flag);
   }
   const Flags diff = {"diff", path("out"), path("out"), "--out", path("made")};
   for (int run = 0; run < 2; ++run) {
-    for (const Flags& arguments : {diff, what_if, evaluate}) succeed(arguments);
+    for (const Flags& arguments : {diff, what_if, consistency}) succeed(arguments);
   }
   for (const auto& [name, arguments] : {std::pair{"diff.ply", diff},
                                         {"diff.vdb", diff},
                                         {"diff.json", diff},
                                         {"whatif.ply", what_if},
                                         {"whatif.json", what_if},
-                                        {"consistency.json", evaluate},
-                                        {"consistency.md", evaluate}}) {
+                                        {"consistency.json", consistency},
+                                        {"consistency.md", consistency}}) {
     const std::string file = std::string("made/") + name, ours = readText(file);
     writeText(file, "mine");
     expectRefused(arguments, 7, "output.foreign");
@@ -280,10 +284,10 @@ TEST_F(KeptFiles, VerbsThatReadScansDoNotReplaceThem) {
     expectInput(advise);
     fs::create_directories(path("tables"));
     fs::create_hard_link(file, path("tables/consistency.md"));
-    Flags evaluate = {"evaluate",        "--consistency", "--scans", path("scans"), "--poses",
-                      path("poses.txt"), "--voxel",       "0.05",    "--out",       path("tables")};
-    for (const std::string& flag : tool()) evaluate.push_back(flag);
-    expectInput(evaluate);
+    Flags consistency = {"consistency", "--scans", path("scans"), "--poses",     path("poses.txt"),
+                         "--voxel",     "0.05",    "--out",       path("tables")};
+    for (const std::string& flag : tool()) consistency.push_back(flag);
+    expectInput(consistency);
     fs::remove_all(path("tables"));
   }
   for (const char* flag : {"--out", "--per-frame"}) {

@@ -27,12 +27,13 @@ namespace {
     const rlimit limit = {bytes, bytes};
     setrlimit(RLIMIT_FSIZE, &limit);
   }
-  std::vector<char*> argv = {const_cast<char*>("accessvdb")};
+  std::vector<char*> argv = {const_cast<char*>(setup.lab ? "accessvdb-lab" : "accessvdb")};
   for (const std::string& argument : setup.arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
   // Another build's program, such as the one without PCL, can be put in its place.
   const char* other = std::getenv("ACCESSVDB_PROGRAM_UNDER_TEST");
-  execv(other != nullptr ? other : ACCESSVDB_PROGRAM, argv.data());
+  const char* program = other != nullptr ? other : ACCESSVDB_PROGRAM;
+  execv(setup.lab ? ACCESSVDB_LAB_PROGRAM : program, argv.data());
   _exit(127);
 }
 
@@ -79,6 +80,13 @@ ProgramResult runProgram(const ProgramSetup& setup) {
 ProgramResult runProgram(std::vector<std::string> arguments) {
   ProgramSetup setup;
   setup.arguments = std::move(arguments);
+  return runProgram(setup);
+}
+
+ProgramResult runLab(std::vector<std::string> arguments) {
+  ProgramSetup setup;
+  setup.arguments = std::move(arguments);
+  setup.lab = true;
   return runProgram(setup);
 }
 

@@ -21,6 +21,7 @@ struct ProgramResult {
 
 struct ProgramSetup {
   std::vector<std::string> arguments;
+  bool lab = false;           ///< accessvdb-lab instead of accessvdb
   long file_size_limit = -1;  ///< bytes, as in ulimit -f; -1 = none
   std::string stdout_path;    ///< instead of capturing
   std::string signal_after;   ///< once this text appears on stderr, `act` is called with the process id
@@ -29,6 +30,7 @@ struct ProgramSetup {
 
 [[nodiscard]] ProgramResult runProgram(const ProgramSetup& setup);
 [[nodiscard]] ProgramResult runProgram(std::vector<std::string> arguments);
+[[nodiscard]] ProgramResult runLab(std::vector<std::string> arguments);
 
 /// A separate folder for each test, with tiny inputs; removed afterwards.
 class ProgramTest : public ::testing::Test {

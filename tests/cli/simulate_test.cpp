@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// `accessvdb simulate`: its output, that `map` reads it, and its messages about bad input.
+/// `accessvdb-lab simulate`: its output, that `map` reads it, and its messages about bad input.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -20,7 +20,7 @@ class Simulate : public ProgramTest {
   [[nodiscard]] ProgramResult simulate(std::vector<std::string> more, const std::string& out = "sim") const {
     std::vector<std::string> arguments = {"simulate", "--out", path(out)};
     arguments.insert(arguments.end(), more.begin(), more.end());
-    return runProgram(arguments);
+    return runLab(arguments);
   }
   /// A refusal is one line with its code, and leaves nothing that looks like a recording.
   void expectRefused(const std::vector<std::string>& more, int exit_code, const std::string& said) const {
@@ -174,6 +174,7 @@ TEST_F(Simulate, ReplacesAnEarlierRecordingButNoOtherFiles) {
 
 TEST_F(Simulate, AStoppedRecordingCanBeUsed) {
   ProgramSetup setup;
+  setup.lab = true;
   setup.arguments = {"simulate", "--scene", "torus", "--frames", "5000", "--out", path("sim")};
   setup.signal_after = "scene: torus";
   setup.act = [this](pid_t process) {

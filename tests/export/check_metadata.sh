@@ -2,9 +2,10 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # What vdb_print and the Python module of OpenVDB say about the files of `map`: names, types, classes, units, transform,
-# origin offset, parameters, tool, version, up axis, counts.   check_metadata.sh ACCESSVDB_PROGRAM
+# origin offset, parameters, tool, version, up axis, counts.   check_metadata.sh ACCESSVDB ACCESSVDB_LAB
 set -euo pipefail
-program=${1:?usage: check_metadata.sh ACCESSVDB_PROGRAM}
+program=${1:?usage: check_metadata.sh ACCESSVDB ACCESSVDB_LAB}
+lab=${2:?usage: check_metadata.sh ACCESSVDB ACCESSVDB_LAB}
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -19,7 +20,7 @@ for candidate in /usr/bin/python3 python3; do
 done
 [[ -n $python ]] || fail "no Python imports pyopenvdb and numpy. On Debian and Ubuntu: apt install python3-openvdb python3-numpy"
 
-"$program" simulate --scene sphere --sensor mid360 --trajectory orbit --frames 6 --seed 3 --out "$work/scans" --quiet \
+"$lab" simulate --scene sphere --sensor mid360 --trajectory orbit --frames 6 --seed 3 --out "$work/scans" --quiet \
   2>"$work/log" || fail "simulate failed: $(cat "$work/log")"
 map() {  # map OUT OPTIONS...
   local out=$1; shift

@@ -12,7 +12,7 @@ cd "$root"
 
 # layer: what its files may include (besides its own files). `grids` is the public header that returns OpenVDB grids;
 # `pcl-header` is accessvdb/pcl.h, the one exception: a public header that includes another package, for its users.
-# `constants`: headers without code that a device could lack.
+# `constants`: headers without code that a device could lack. tools/lab has three layers, sim, eval and lab (its cli).
 allowed_includes() {
   cat <<'TABLE'
 api      std eigen
@@ -40,10 +40,11 @@ live     std api grids eigen openvdb tbb tsdf io
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
 report   std api eigen tool io zlib openssl json
 capi     std api eigen
+dds      std api eigen bags io fastdds
+tools    std posix api grids eigen cli toml json dds
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture
-dds      std api eigen bags io fastdds
-tools    std posix api grids eigen cli toml json sim eval dds
+lab      std posix api grids eigen json tools sim eval
 examples std posix api grids eigen cli cudart pcl pcl-header
 python   std api eigen pybind
 TABLE
@@ -74,6 +75,7 @@ check_includes() {
       if (path ~ /^include\/accessvdb\//) return "api"
       if (path ~ /^nanovdb_kernels\/cuda\/[a-z]+\//) return "cuda-" part[3]
       if (part[1] == "nanovdb_kernels" || part[1] == "src") return part[2]
+      if (part[1] == "tools" && part[2] == "lab") return part[3] == "cli" ? "lab" : part[3]
       return part[1]
     }
     function classOf(name, quote, path,   first, here) {
@@ -95,6 +97,8 @@ check_includes() {
       if (here in exists) return layerOf(path)
       if ((layerOf(path) "/" name) in exists) return layerOf(path)  # examples and tools, by their path below them
       if (("nanovdb_kernels/hostdev/" name) in exists) return "hostdev"
+      if (("tools/cli/" name) in exists) return "tools"
+      if (("tools/lab/cli/" name) in exists) return "lab"
       return "unlisted"
     }
     BEGIN {
@@ -181,7 +185,7 @@ check_code() {
   grep -E ':.*\b(openToNanoVDB|createNanoGrid)\b' <<<"$code" |
     sed -E 's/^([^:]*:[0-9]+):.*/\1: conversion: whole-grid NanoVDB conversion outside tests/' || true
   # A library neither ends its host nor writes to its terminal.
-  grep -E '^(include|nanovdb_kernels|src)/[^:]*:[0-9]+:' <<<"$code" |
+  grep -E '^(include|nanovdb_kernels|src|tools/lab/(sim|eval))/[^:]*:[0-9]+:' <<<"$code" |
     grep -E '(^|[^A-Za-z0-9_])(exit|abort|quick_exit|terminate|printf|puts)[[:space:]]*\(|std::(cout|cerr|clog)\b|\bcudaDeviceReset\b' |
     sed -E 's/^([^:]*:[0-9]+):.*/\1: quiet-library: ends the process, resets the device or prints/' || true
 }

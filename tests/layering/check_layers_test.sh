@@ -25,9 +25,12 @@ plant_clean_tree() {
   write src/tsdf/map.cpp '#include <tbb/parallel_for.h>' '#include <openvdb/openvdb.h>' '#include "tsdf/map.h"' '// exit(1)'
   write src/tool/mesh_reader.cpp '#include <assimp/scene.h>' '#include <unistd.h>' 'void f() { _exit(1); g("abort()"); }'
   write src/bags/convert.cpp '// "--flag"' 'f("rosbag compress --lz4"); --i; g("a"); // or --voxel'
-  write src/sim/flags.cpp 'f("--frames");'
+  write tools/lab/sim/flags.cpp 'f("--frames");'
   write src/field/field.cpp '#include "tsdf/map.h"' '#include "launch/backend.h"'
   write tools/cli/map.cpp '#include <CLI/CLI.hpp>' '#include "accessvdb/types.h"' 'int main() { std::cout << 1; }'
+  write tools/cli/program.h '#include <vector>'
+  write tools/lab/cli/lab_verbs.h '#include "program.h"' '#include "sim/scene.h"'
+  write tools/lab/sim/scene.h '#include "accessvdb/types.h"'
   write tests/parity/mirror_test.cpp '#include <nanovdb/util/OpenToNanoVDB.h>' 'auto h = nanovdb::openToNanoVDB(g);'
 }
 
@@ -104,9 +107,15 @@ for header in cuda_runtime.h pcl/point_types.h assimp/mesh.h sim/scene.h eval/or
   expect layer src/field/bad.cpp "#include \"$header\""
 done
 for header in hostdev/views.h tsdf/map.h; do
-  expect layer src/eval/bad.cpp "#include \"$header\""
+  expect layer tools/lab/eval/bad.cpp "#include \"$header\""
 done
-for header in tsdf/map.h hostdev/views.h openvdb/openvdb.h io/ply.h; do
+expect layer tools/lab/sim/bad.cpp '#include "eval/oracle.h"'
+expect layer tools/lab/sim/bad.cpp '#include <libqhull_r/libqhull_r.h>'
+expect layer tools/lab/cli/bad.cpp '#include <CLI/App.hpp>'
+expect layer tools/cli/bad.cpp '#include "lab_verbs.h"'
+expect layer tools/lab/sim/bad.cpp '#include "program.h"'
+expect layer tools/lab/cli/bad.cpp '#include "io/ply.h"'
+for header in tsdf/map.h hostdev/views.h openvdb/openvdb.h io/ply.h sim/scene.h eval/oracle.h embree3/rtcore.h; do
   expect layer tools/bad.cpp "#include \"$header\""
 done
 expect nanovdb-once src/mirror/bad.cpp '#include <nanovdb/util/GridBuilder.h>'
@@ -117,6 +126,7 @@ expect unknown-layer src/planner/bad.cpp '#include <vector>'
 expect conversion src/mirror/bad.cpp 'auto handle = nanovdb::openToNanoVDB(grid);'
 expect conversion src/field/bad.cpp 'auto handle = createNanoGrid(grid);'
 expect quiet-library src/io/bad.cpp 'void f() { std::exit(1); }'
+expect quiet-library tools/lab/sim/bad.cpp 'void f() { std::exit(1); }'
 expect quiet-library src/io/bad.cpp 'void f() { abort(); }'
 expect quiet-library src/io/bad.cpp 'void f() { std::cerr << 1; }'
 expect quiet-library include/accessvdb/bad.h 'inline void f() { printf(""); }'

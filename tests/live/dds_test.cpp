@@ -26,6 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using cli_test::ProgramResult;
+using cli_test::runLab;
 using cli_test::runProgram;
 using nlohmann::json;
 
@@ -92,9 +93,9 @@ class LiveDds : public cli_test::ProgramTest {
 
   /// Simulated scans, and the stream of them that the peer sends.
   void simulate(int scans) {
-    const ProgramResult result = runProgram({"simulate", "--scene", "pine", "--tree-height",
-                                             std::getenv("ACCESSVDB_LIVE_SCANS") != nullptr ? "12" : "4", "--frames",
-                                             std::to_string(scans), "--range-noise", "0.01", "--out", path("flight")});
+    const ProgramResult result = runLab({"simulate", "--scene", "pine", "--tree-height",
+                                         std::getenv("ACCESSVDB_LIVE_SCANS") != nullptr ? "12" : "4", "--frames",
+                                         std::to_string(scans), "--range-noise", "0.01", "--out", path("flight")});
     ASSERT_EQ(result.exit_code, 0) << result.err;
     std::ifstream poses(path("flight/poses.txt"));
     std::ofstream stream(path("stream"), std::ios::binary);

@@ -25,10 +25,18 @@ holds() {  # FILE PATTERN...
   done
 }
 runtime=$(echo "$out"/accessvdb_"$VERSION"_*.deb) development=$(echo "$out"/libaccessvdb-dev_"$VERSION"_*.deb)
+lab=$(echo "$out"/accessvdb-lab_"$VERSION"_*.deb)
 holds "$runtime" '/usr/bin/accessvdb$' "/libaccessvdb\.so\.$VERSION\$" '/share/doc/accessvdb/LICENSE$'
 holds "$development" '/include/accessvdb/accessibility_field\.h$' '/include/accessvdb/config\.h$' '/libaccessvdb\.a$' \
   '/libaccessvdb\.so -> libaccessvdb\.so\.' '/AccessVDBConfig\.cmake$' '/pkgconfig/accessvdb\.pc$'
 ! dpkg-deb -c "$runtime" | grep -qE '\.h$|\.a$' || { echo "development files in the package of the program"; bad=1; }
+
+holds "$lab" '/usr/bin/accessvdb-lab$'
+[[ $(dpkg-deb -c "$lab" | grep -vc '/$') == 1 ]] || { echo "the package of the lab holds more than its program"; bad=1; }
+for library in libembree libqhull; do
+  [[ $(dpkg-deb -f "$lab" Depends) == *"$library"* ]] || { echo "the lab lacks $library"; bad=1; }
+  [[ $(dpkg-deb -f "$runtime" Depends) != *"$library"* ]] || { echo "the program needs $library"; bad=1; }
+done
 
 needs=$(dpkg-deb -f "$runtime" Depends)
 [[ $needs == *libopenvdb* && $needs == *libtbb* && $needs == *libassimp* ]] || { echo "dependencies: $needs"; bad=1; }

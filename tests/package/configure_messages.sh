@@ -31,6 +31,12 @@ configure() {  # configure CODE TEXT ARGUMENT...
 configure 1 "ACCESSVDB_PCL is 'MAYBE'. Use AUTO (if PCL is found), ON or OFF." -DACCESSVDB_PCL=MAYBE -DACCESSVDB_CUDA=OFF
 configure 1 "ACCESSVDB_PCL is ON, but PCL (common, io, filters) was not found. On Debian and Ubuntu: apt install libpcl-dev" \
   -DACCESSVDB_PCL=ON -DCMAKE_DISABLE_FIND_PACKAGE_PCL=ON -DACCESSVDB_CUDA=OFF
+configure 1 "ACCESSVDB_LAB is 'MAYBE'. Use AUTO (if Embree and Qhull are found), ON or OFF." -DACCESSVDB_LAB=MAYBE -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+configure 1 "ACCESSVDB_LAB is ON, but Embree 3 or 4 was not found. On Debian and Ubuntu: apt install libembree-dev" \
+  -DACCESSVDB_LAB=ON -DCMAKE_DISABLE_FIND_PACKAGE_embree=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+configure 0 "no lab (accessvdb-lab): Qhull was not found. On Debian and Ubuntu: apt install libqhull-dev" \
+  -DCMAKE_DISABLE_FIND_PACKAGE_Qhull=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+configure 1 "The tests need the lab." -DACCESSVDB_BUILD_TESTS=ON -DACCESSVDB_LAB=OFF -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_DDS is 'MAYBE'. Use AUTO (if Fast DDS is found), ON or OFF." -DACCESSVDB_DDS=MAYBE -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_DDS is ON, but Fast DDS 2.6 or later was not found. On Debian and Ubuntu: apt install libfastrtps-dev" \
   -DACCESSVDB_DDS=ON -DCMAKE_DISABLE_FIND_PACKAGE_fastrtps=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF

@@ -18,7 +18,7 @@ cat >"$folder/bin/nproc" <<'END'
 #!/bin/sh
 echo 8
 END
-cat >"$folder/bin/accessvdb" <<'END'
+cat >"$folder/bin/accessvdb-lab" <<'END'
 #!/usr/bin/env bash
 all="$*" threads=1
 while (($# > 0)); do

@@ -9,7 +9,7 @@ mv "$WORK/first" "$WORK/moved"
 cd "$WORK/moved"
 
 bad=0
-for file in bin/accessvdb "$LIBDIR/libaccessvdb.a" "$LIBDIR/libaccessvdb.so" "$LIBDIR/libaccessvdb.so.$VERSION" \
+for file in bin/accessvdb bin/accessvdb-lab "$LIBDIR/libaccessvdb.a" "$LIBDIR/libaccessvdb.so" "$LIBDIR/libaccessvdb.so.$VERSION" \
   include/accessvdb/{accessibility_field,c_api,config,export}.h "$LIBDIR/pkgconfig/accessvdb.pc" \
   "$LIBDIR"/cmake/AccessVDB/AccessVDB{Config,ConfigVersion,StaticTargets,SharedTargets}.cmake share/doc/accessvdb/LICENSE; do
   [[ -e $file ]] || { echo "missing: $file"; bad=1; }
@@ -24,5 +24,7 @@ if grep -rnF -e "$WORK/first" -e "$SOURCE" -e "$BUILD" include "$LIBDIR/cmake" "
   echo "paths of the build machine, see above"
   bad=1
 fi
-[[ $(./bin/accessvdb --version) == *"$VERSION"* ]] || { echo "the program does not run after the move"; bad=1; }
+for program in accessvdb accessvdb-lab; do
+  [[ $("./bin/$program" --version) == "$program $VERSION" ]] || { echo "$program does not run after the move"; bad=1; }
+done
 exit $bad

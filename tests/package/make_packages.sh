@@ -17,11 +17,11 @@ export XZ_LEVEL=1  # faster, but larger than the published download
 
 bad=0
 tarball=$(echo "$out"/accessvdb-"$VERSION"-linux-*.tar.xz)
-[[ $(ls "$out" | wc -l) == 3 && $(wc -l <"$WORK/packages.txt") == 3 ]] || { echo "not three files: $(ls "$out")"; bad=1; }
+[[ $(ls "$out" | wc -l) == 4 && $(wc -l <"$WORK/packages.txt") == 4 ]] || { echo "not four files: $(ls "$out")"; bad=1; }
 (($(stat -c %s "$tarball") <= 40000000)) || { echo "the tarball has more than 40 MB"; bad=1; }
 
-# The three files contain only known kinds of files: no scans, no fields, no tests.
-known='/$|/(bin|programs)/(accessvdb|make_sample_scans)$|/run$|/README(\.md)?$|/CHANGELOG\.md$|/licences\.md$|/LICENSE$'
+# The files contain only known kinds of files: no scans, no fields, no tests.
+known='/$|/(bin|programs)/(accessvdb|accessvdb-lab|make_sample_scans)$|/run$|/README(\.md)?$|/CHANGELOG\.md$|/licences\.md$|/LICENSE$'
 known+='|/licences/(common-licenses/)?[A-Za-z0-9.+-]+$|/lib[A-Za-z0-9_.+-]*\.(so[.0-9]*|a)$|/include/accessvdb/(device/)?[a-z_]+\.h$'
 known+='|/cmake/AccessVDB/AccessVDB[A-Za-z-]+\.cmake$|/pkgconfig/accessvdb\.pc$'
 for file in "$out"/*; do

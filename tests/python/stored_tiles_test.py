@@ -15,8 +15,8 @@ import accessvdb
 WORK = Path(os.environ["WORK"], "stored_tiles")
 
 
-def program(*arguments):
-    subprocess.run([os.environ["PROGRAM"], *map(str, arguments), "--quiet"], check=True)
+def program(*arguments, which="PROGRAM"):
+    subprocess.run([os.environ[which], *map(str, arguments), "--quiet"], check=True)
 
 
 class StoredTiles(unittest.TestCase):
@@ -24,7 +24,7 @@ class StoredTiles(unittest.TestCase):
     def setUpClass(cls):
         shutil.rmtree(WORK, ignore_errors=True)
         WORK.mkdir(parents=True)
-        program("simulate", "--scene", "pine", "--frames", "6", "--out", WORK / "tree")
+        program("simulate", "--scene", "pine", "--frames", "6", "--out", WORK / "tree", which="LAB_PROGRAM")
         scans = ["--scans", WORK / "tree/scans", "--poses", WORK / "tree/poses.txt", "--tool", "builtin:pencil",
                  "--allow-hidden-tool"]
         for out, tiles in (("one", "off"), ("tiled", "6.4")):

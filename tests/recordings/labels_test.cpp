@@ -13,6 +13,7 @@ namespace accessvdb::recordings_test {
 namespace {
 
 using cli_test::ProgramResult;
+using cli_test::runLab;
 using cli_test::runProgram;
 
 class RecordingLabels : public cli_test::ProgramTest {
@@ -21,7 +22,7 @@ class RecordingLabels : public cli_test::ProgramTest {
     std::vector<std::string> arguments = {"simulate",      "--scene", "torus", "--frames",    "4",
                                           "--range-noise", "0.001",   "--out", path("flight")};
     if (!more.empty()) arguments.push_back(more);
-    const ProgramResult result = runProgram(arguments);
+    const ProgramResult result = runLab(arguments);
     ASSERT_EQ(result.exit_code, 0) << result.err;
   }
 

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// Scans and poses as `accessvdb simulate` and the tests write them, and their messages.
+// Scans and poses as `accessvdb-lab simulate` and the tests write them, and their messages.
 import { existsSync, readFileSync, readdirSync } from 'node:fs';
 import { join } from 'node:path';
 

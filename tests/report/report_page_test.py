@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of `accessvdb report` in a real browser, held against points.ply and report.json.
 
-    report_page_test.py ACCESSVDB CHROMIUM      exit code 77 (skipped) without Chromium or NumPy
+    report_page_test.py ACCESSVDB ACCESSVDB_LAB CHROMIUM      exit code 77 (skipped) without Chromium or NumPy
 """
 
 import json
@@ -23,11 +23,11 @@ except ImportError as error:
     sys.exit(77)
 from browser import Browser
 
-PROGRAM, CHROMIUM = "", ""
+PROGRAM, LAB_PROGRAM, CHROMIUM = "", "", ""
 
 
-def run(*arguments):
-    return subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, check=False)
+def run(*arguments, program=None):
+    return subprocess.run([program or PROGRAM, *map(str, arguments)], capture_output=True, text=True, check=False)
 
 
 def box_mesh(path, low, high):
@@ -92,7 +92,8 @@ class ReportPage(unittest.TestCase):
 
     def test_a_map_is_drawn_as_it_was_counted(self):
         scans, out = self.root / "scans", self.root / "mapped"
-        simulated = run("simulate", "--scene", "torus", "--frames", 12, "--range-noise", 0, "--out", scans)
+        simulated = run("simulate", "--scene", "torus", "--frames", 12, "--range-noise", 0, "--out", scans,
+                        program=LAB_PROGRAM)
         self.assertEqual(simulated.returncode, 0, simulated.stderr)
         mapped = run("map", "--device", "cpu", "--scans", scans / "scans", "--poses", scans / "poses.txt", "--tool",
                      "builtin:pencil", "--voxel", 0.01, "--origin", "0,0,0", "--out", out, "--html")
@@ -288,11 +289,11 @@ class ReportErrors(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    PROGRAM, CHROMIUM = sys.argv[1], sys.argv[2]
+    PROGRAM, LAB_PROGRAM, CHROMIUM = sys.argv[1:4]
     if CHROMIUM.endswith("-NOTFOUND"):
         print("skipped: Chromium is missing; apt install chromium")
         sys.exit(77)
     if "/snap/" in str(pathlib.Path(CHROMIUM).resolve()):
         print("skipped: a Chromium from a snap cannot be driven from outside")
         sys.exit(77)
-    unittest.main(argv=sys.argv[:1] + sys.argv[3:])
+    unittest.main(argv=sys.argv[:1] + sys.argv[4:])

@@ -27,8 +27,8 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMostConfigBytes = std::size_t{1} << 20;
 constexpr std::ptrdiff_t kMostConfigDots = 10'000;
 
-constexpr const char* kVerbs[] = {"map",   "tile", "live",  "advise", "evaluate", "simulate",
-                                  "bench", "info", "query", "diff",   "render",   "report"};
+constexpr const char* kVerbs[] = {"map",   "tile", "live",  "advise", "consistency", "evaluate", "simulate",
+                                  "bench", "info", "query", "diff",   "render",      "report"};
 
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 /// @param between  of the elements of an array
@@ -73,8 +73,8 @@ void applyTable(FlagParser& flags, const std::string& file, const toml::table& t
       continue;
     }
     if (!belongsInConfig(key) || !flags.has(key)) {
-      throw InvalidArgument("config.key", file, "\"" + key + "\" is not an option of accessvdb " + flags.verb(),
-                            "Keys are the flags without the dashes; see accessvdb " + flags.verb() + " --help");
+      throw InvalidArgument("config.key", file, "\"" + key + "\" is not an option of " + flags.command(),
+                            "Keys are the flags without the dashes; see " + flags.command() + " --help");
     }
     if (flags.isSet(key)) continue;  // a flag wins over any key, a key of [verb] over a top-level one
     const auto text =

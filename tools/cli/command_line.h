@@ -6,7 +6,7 @@
 #include <string>
 
 #include "flag_parser.h"
-#include "verbs.h"
+#include "program.h"
 
 namespace accessvdb::tools {
 

@@ -47,12 +47,12 @@ struct FlagParser::Parser {
   CLI::App app;
 };
 
-FlagParser::FlagParser() : parser_(std::make_unique<Parser>()) {}
+FlagParser::FlagParser(std::string program) : parser_(std::make_unique<Parser>()), program_(std::move(program)) {}
 FlagParser::~FlagParser() = default;
 
 void FlagParser::describe(const std::string& verb, const std::string& purpose, const std::string& example) {
   verb_ = verb;
-  parser_->app.name("accessvdb " + verb);
+  parser_->app.name(command());
   parser_->app.description(purpose);
   parser_->app.footer("Example:\n  " + example);
 }
@@ -92,7 +92,7 @@ bool FlagParser::parse(const std::vector<std::string>& arguments) {
   } catch (const CLI::ParseError& error) {
     std::string problem = error.what();
     while (!problem.empty() && (problem.back() == '.' || problem.back() == '\n')) problem.pop_back();
-    throw InvalidArgument("usage.option", verb_, problem, "See accessvdb " + verb_ + " --help");
+    throw InvalidArgument("usage.option", verb_, problem, "See " + command() + " --help");
   }
   return true;
 }

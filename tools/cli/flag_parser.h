@@ -18,7 +18,7 @@ inline constexpr char kBetweenValues = '\x1f';
 
 class FlagParser {
  public:
-  FlagParser();
+  explicit FlagParser(std::string program = "accessvdb");
   ~FlagParser();
 
   /// Where the value of a flag goes. What it holds when the flag is added is the default, which --help shows.
@@ -37,6 +37,7 @@ class FlagParser {
   void flag(const std::string& name, bool& value, const std::string& help);
 
   [[nodiscard]] const std::string& verb() const { return verb_; }
+  [[nodiscard]] std::string command() const { return program_ + " " + verb_; }  ///< the program and its verb
   [[nodiscard]] std::string help() const;
   /// @return false if --help was given  @throws InvalidArgument ("usage.option")
   [[nodiscard]] bool parse(const std::vector<std::string>& arguments);
@@ -57,7 +58,7 @@ class FlagParser {
  private:
   struct Parser;
   std::unique_ptr<Parser> parser_;
-  std::string verb_;
+  std::string program_, verb_;
 };
 
 }  // namespace accessvdb::tools

@@ -153,8 +153,8 @@ bool isOwnJson(const fs::path& file) {
       {"tool_sha256", "removed"},
       {"tool_sha256", "cuts"},                                         // whatif
       {"schema", "version", "scene", "trajectory", "frames_written"},  // simulate
-      {"schema", "origin", "finished", "rows"},
-      {"schema", "version", "command", "maps", "comparisons"}};  // its --consistency                       // evaluate
+      {"schema", "origin", "finished", "rows"},                        // evaluate
+      {"schema", "version", "command", "maps", "comparisons"}};        // consistency
   return json.is_object() && std::ranges::any_of(kinds, [&json](const auto& keys) {
            return std::ranges::all_of(keys, [&json](const char* key) { return json.contains(key); });
          });
@@ -185,7 +185,8 @@ bool isOwn(const fs::path& output) {
     return isOwnJson(report) && fs::last_write_time(output, error) <= fs::last_write_time(report, error);
   }
   if (kind == ".md")
-    return has("- command: accessvdb evaluate") || begins("# Consistency of labels from recorded scans");
+    return has("- command: accessvdb-lab evaluate") || has("- command: accessvdb evaluate") ||
+           begins("# Consistency of labels from recorded scans");
   return false;
 }
 

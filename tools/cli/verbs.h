@@ -1,24 +1,16 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The verbs of the program, one file each. Arguments are those after the verb; errors leave as exceptions.
+/// The verbs of accessvdb, one file each.
 #pragma once
 
-#include <string>
-#include <vector>
-
-#include "error_output.h"
+#include "program.h"
 
 namespace accessvdb::tools {
 
-using Arguments = std::vector<std::string>;
-
-/// @return the exit code: 0, or 130/143 if a signal stopped the run
 int runMap(const Arguments& arguments, Messages& messages);
 int runAdvise(const Arguments& arguments, Messages& messages);
 int runLive(const Arguments& arguments, Messages& messages);
-int runEvaluate(const Arguments& arguments, Messages& messages);
-int runSimulate(const Arguments& arguments, Messages& messages);
-int runBench(const Arguments& arguments, Messages& messages);
+int runConsistency(const Arguments& arguments, Messages& messages);
 int runInfo(const Arguments& arguments, Messages& messages);
 int runQuery(const Arguments& arguments, Messages& messages);
 int runTile(const Arguments& arguments, Messages& messages);
@@ -26,5 +18,9 @@ int runRender(const Arguments& arguments, Messages& messages);
 int runDiff(const Arguments& arguments, Messages& messages);
 int runWhatIf(const Arguments& arguments, Messages& messages);
 int runReport(const Arguments& arguments, Messages& messages);
+
+/// The old spelling of runConsistency, `accessvdb evaluate --consistency`, and whether arguments have it.
+int runEvaluateConsistency(const Arguments& arguments, Messages& messages);
+[[nodiscard]] bool wantsConsistency(const Arguments& arguments);
 
 }  // namespace accessvdb::tools

@@ -81,11 +81,11 @@ TEST(TableFiles, RowsAreAsTheInterfaceHasThem) {
   results.finished = {"oracle"};
   const fs::path folder = fs::path(testing::TempDir()) / "table_files";
   fs::create_directories(folder);
-  writeTablesJson(folder / "tables.json", results, {{"command", "accessvdb evaluate"}});
-  writeTablesMarkdown(folder / "tables.md", results, {{"command", "accessvdb evaluate"}});
+  writeTablesJson(folder / "tables.json", results, {{"command", "accessvdb-lab evaluate"}});
+  writeTablesMarkdown(folder / "tables.md", results, {{"command", "accessvdb-lab evaluate"}});
 
   const auto json = nlohmann::json::parse(contentOf(folder / "tables.json"));
-  EXPECT_EQ(json["origin"]["command"], "accessvdb evaluate");
+  EXPECT_EQ(json["origin"]["command"], "accessvdb-lab evaluate");
   ASSERT_EQ(json["rows"].size(), 2u);
   const auto& row = json["rows"][0];
   EXPECT_EQ(row["table"], "oracle");

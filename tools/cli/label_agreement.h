@@ -15,7 +15,7 @@
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
 
-namespace accessvdb::eval {
+namespace accessvdb::tools {
 
 /// Two labellings of the same place, by world voxel.
 struct LabelAgreement {
@@ -66,4 +66,4 @@ struct ConsistencyHooks {
                                                                   const FieldParams& params,
                                                                   const ConsistencyHooks& hooks = {});
 
-}  // namespace accessvdb::eval
+}  // namespace accessvdb::tools

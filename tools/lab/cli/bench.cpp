@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb bench: a simulated flight among pines, with every stage of every frame timed.
+/// accessvdb-lab bench: a simulated flight among pines, with every stage of every frame timed.
 #include <unistd.h>
 
 #include <chrono>
@@ -22,13 +22,13 @@
 #include "bench_record.h"
 #include "gpu_fallback.h"
 #include "json_text.h"
+#include "lab_verbs.h"
 #include "output_files.h"
 #include "progress.h"
 #include "report.h"
 #include "sim/simulator.h"
 #include "stop_signal.h"
 #include "tools_given.h"
-#include "verbs.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -364,7 +364,7 @@ int BenchRun::run() {
 
 int runBench(const Arguments& arguments, Messages& messages) {
   BenchOptions options;
-  FlagParser flags;
+  FlagParser flags(kLab);
   addBenchOptions(flags, options);
   if (!parseCommandLine(flags, arguments, options.map.common, messages)) return 0;
   return BenchRun(options, messages).run();

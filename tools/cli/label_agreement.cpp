@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "eval/consistency.h"
+#include "label_agreement.h"
 
 #include <algorithm>
 #include <chrono>
@@ -10,7 +10,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
 
-namespace accessvdb::eval {
+namespace accessvdb::tools {
 namespace {
 
 constexpr auto kAccessible = static_cast<std::size_t>(PointLabel::Accessible);
@@ -152,4 +152,4 @@ std::optional<ConsistencyResult> measureConsistency(io::ScanSequence& scans, con
   return result;
 }
 
-}  // namespace accessvdb::eval
+}  // namespace accessvdb::tools

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Agreement of labels by voxel, against hand-computed figures, and the whole measurement on small scans.
-#include "eval/consistency.h"
+#include "label_agreement.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -16,7 +16,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
 
-namespace accessvdb::eval {
+namespace accessvdb::tools {
 namespace {
 
 namespace fs = std::filesystem;
@@ -202,4 +202,4 @@ TEST_F(RecordedScans, OneScanOrNoReturnIsOneClearError) {
 }
 
 }  // namespace
-}  // namespace accessvdb::eval
+}  // namespace accessvdb::tools

@@ -140,11 +140,12 @@ SimulatedPath pathAroundObject(const SimulateOptions& options, const SceneView& 
 }  // namespace
 
 void addSimulateOptions(FlagParser& flags, SimulateOptions& options) {
-  flags.describe("simulate", "Simulates scans of a scene: PCD scans, TUM poses, the mesh and a description.",
-                 "accessvdb simulate --scene torus --out torus/\n"
-                 "  accessvdb map --scans torus/scans --poses torus/poses.txt --tool builtin:pencil --voxel 0.002 "
-                 "--out out/\n"
-                 "  accessvdb simulate --scene part.stl --mesh-unit mm --trajectory orbit --frames 100 --out part/");
+  flags.describe(
+      "simulate", "Simulates scans of a scene: PCD scans, TUM poses, the mesh and a description.",
+      "accessvdb-lab simulate --scene torus --out torus/\n"
+      "  accessvdb map --scans torus/scans --poses torus/poses.txt --tool builtin:pencil --voxel 0.002 "
+      "--out out/\n"
+      "  accessvdb-lab simulate --scene part.stl --mesh-unit mm --trajectory orbit --frames 100 --out part/");
   addCommonOptions(flags, options.common);
   flags.option("--scene", &options.scene,
                "torus, sphere, box, wall, ring, pine, a scene from the tables (sphere_a, sphere_b, unseen_1 to "
@@ -177,7 +178,7 @@ void checkSimulateOptions(const SimulateOptions& options) {
   checkCommonOptions(options.common);
   for (const auto& [flag, value] : {std::pair{"--scene", &options.scene}, std::pair{"--out", &options.out}}) {
     if (value->empty()) {
-      throw InvalidArgument("usage.missing", flag, "is missing", "See accessvdb simulate --help");
+      throw InvalidArgument("usage.missing", flag, "is missing", "See accessvdb-lab simulate --help");
     }
   }
   if (options.frames && *options.frames < 1) {
@@ -187,14 +188,14 @@ void checkSimulateOptions(const SimulateOptions& options) {
     if (std::isfinite(value) && std::abs(value) <= 1e5 && (!positive || value > 0)) return;
     throw InvalidArgument("usage.number", flag,
                           numberText(value) + (positive ? " is not a positive" : " is not a sensible") + " number",
-                          "See accessvdb simulate --help");
+                          "See accessvdb-lab simulate --help");
   };
   if (options.radius_m) requireFinite("--radius", *options.radius_m, true);
   if (options.height_m) requireFinite("--height", *options.height_m, false);
   if (options.turns && !(std::abs(*options.turns) <= kMostTurns)) {
     throw InvalidArgument("usage.number", "--turns",
                           numberText(*options.turns) + " is not a number of turns from -1000 to 1000",
-                          "See accessvdb simulate --help");
+                          "See accessvdb-lab simulate --help");
   }
   requireFinite("--pitch", options.pitch_deg, false);
   requireFinite("--voxel", options.voxel_m, true);

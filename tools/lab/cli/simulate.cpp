@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb simulate: scans of a scene, as a recorder would write them.
+/// accessvdb-lab simulate: scans of a scene, as a recorder would write them.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -13,6 +13,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "json_text.h"
+#include "lab_verbs.h"
 #include "options.h"
 #include "output_files.h"
 #include "progress.h"
@@ -21,7 +22,6 @@
 #include "sim/simulator.h"
 #include "simulate_options.h"
 #include "stop_signal.h"
-#include "verbs.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -93,7 +93,7 @@ void requireOwnRecording(const SimulateOptions& options) {
 
 int runSimulate(const Arguments& arguments, Messages& messages) {
   SimulateOptions options;
-  FlagParser flags;
+  FlagParser flags(kLab);
   addSimulateOptions(flags, options);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkSimulateOptions(options);

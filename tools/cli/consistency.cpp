@@ -1,7 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "evaluate_consistency.h"
-
+/// accessvdb consistency: recorded scans, for which there is no ground truth, judged by themselves.
 #include <algorithm>
 #include <cmath>
 #include <csignal>
@@ -15,32 +14,34 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/tool_tables.h"
-#include "eval/consistency.h"
 #include "json_text.h"
+#include "label_agreement.h"
 #include "map_options.h"
 #include "memory_check.h"
 #include "output_files.h"
 #include "progress.h"
 #include "stop_signal.h"
 #include "tools_given.h"
+#include "verbs.h"
 
 namespace accessvdb::tools {
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-using eval::ConsistencyPart;
-using eval::ConsistencyResult;
-using eval::LabelAgreement;
+
+/// `accessvdb evaluate --consistency` is the spelling of earlier versions.
+constexpr const char* kOldVerb = "evaluate";
+constexpr const char* kOldFlag = "--consistency";
 
 /// The flags of `map` that say what is mapped and how; the others do not apply here.
-void addConsistencyOptions(FlagParser& flags, MapOptions& options, bool& consistency) {
-  flags.describe("evaluate --consistency",
-                 "Compares labels from half of the scans with those from the other half and from all scans.",
-                 "accessvdb evaluate --consistency --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.05 "
-                 "--out out/");
+void addConsistencyOptions(FlagParser& flags, const std::string& verb, MapOptions& options, bool& consistency) {
+  const std::string spelling = verb == kOldVerb ? verb + " " + kOldFlag : verb;
+  flags.describe(
+      spelling, "Compares labels from half of the scans with those from the other half and from all scans.",
+      "accessvdb " + spelling + " --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.05 --out out/");
   addCommonOptions(flags, options.common);
-  flags.flag("--consistency", consistency, "compare recorded scans with themselves");
+  if (verb == kOldVerb) flags.flag(kOldFlag, consistency, "compare recorded scans with themselves");
   flags.option("--scans", &options.scans, "folder of .pcd, .ply, .bin, .las or .laz scans, or one ray cloud");
   flags.option("--poses", &options.poses,
                "pose file; may be omitted for VIEWPOINT poses, ray clouds, --trajectory and --stations");
@@ -180,7 +181,7 @@ void writeJson(const fs::path& path, const ConsistencyResult& result, const Fiel
   io::writeFileDurably(path, [&](std::ostream& out) { out << text; });
 }
 
-void checkOptions(const MapOptions& options) {
+void checkOptions(const MapOptions& options, const std::string& verb) {
   checkCommonOptions(options.common);
   for (const auto& [flag, value, what] :
        {std::tuple{"--scans", options.scans, "a folder of scans"},
@@ -188,7 +189,7 @@ void checkOptions(const MapOptions& options) {
         std::tuple{"--out", options.out, "the folder for the results"}}) {
     if (value.empty()) throw InvalidArgument("usage.missing", flag, "is missing", std::string("Name ") + what);
   }
-  requireOneTool(options, "evaluate");
+  requireOneTool(options, verb);
   if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be 1 or more");
   (void)scanInputOptions(options);
   (void)fieldParams(options);
@@ -199,19 +200,14 @@ int stoppedBeforeResults(Messages& messages) {
   return 128 + stopSignal();
 }
 
-}  // namespace
-
-bool wantsConsistency(const Arguments& arguments) {
-  return std::find(arguments.begin(), arguments.end(), "--consistency") != arguments.end();
-}
-
-int runConsistency(const Arguments& arguments, Messages& messages) {
+/// Maps half of the scans, the other half and all, and writes consistency.json and consistency.md into --out.
+int compareParts(const std::string& verb, const Arguments& arguments, Messages& messages) {
   MapOptions options;
   bool consistency = false;
   FlagParser flags;
-  addConsistencyOptions(flags, options, consistency);
+  addConsistencyOptions(flags, verb, options, consistency);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
-  checkOptions(options);
+  checkOptions(options, verb);
   const Paths outputs = inFolder(options.out, {"consistency.json", "consistency.md"});
   requireNoInputs(outputs, namedInputs(options));
   watchStopSignals();
@@ -232,17 +228,17 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
     return stoppedBeforeResults(messages);
 
   std::optional<Progress> progress;
-  eval::ConsistencyHooks hooks;
+  ConsistencyHooks hooks;
   hooks.stop = [] { return stopSignal() != 0; };
   hooks.progress = [&](const std::string& part, std::size_t done, std::size_t total) {
     if (done == 1) progress.emplace(messages, part, total);
     progress->show(done);
     if (done == total) progress->finish();
   };
-  const auto result = eval::measureConsistency(scans, tool, params, hooks);
+  const auto result = measureConsistency(scans, tool, params, hooks);
   progress.reset();
   if (!result) return stoppedBeforeResults(messages);
-  std::string command = "accessvdb evaluate";
+  std::string command = "accessvdb " + verb;
   for (const std::string& argument : arguments) command += " " + argument;
   writeJson(fs::path(options.out) / "consistency.json", *result, params, printable(command));
   writeMarkdown(fs::path(options.out) / "consistency.md", *result, options, params, printable(command));
@@ -256,6 +252,20 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   }
   messages.notice("wrote consistency.json and consistency.md into " + options.out);
   return 0;
+}
+
+}  // namespace
+
+int runConsistency(const Arguments& arguments, Messages& messages) {
+  return compareParts("consistency", arguments, messages);
+}
+
+int runEvaluateConsistency(const Arguments& arguments, Messages& messages) {
+  return compareParts(kOldVerb, arguments, messages);
+}
+
+bool wantsConsistency(const Arguments& arguments) {
+  return std::find(arguments.begin(), arguments.end(), kOldFlag) != arguments.end();
 }
 
 }  // namespace accessvdb::tools

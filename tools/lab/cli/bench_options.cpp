@@ -20,7 +20,7 @@ constexpr int kMostFrames = 100'000, kMostPoints = 1'000'000;
 void requireWhole(const char* flag, int value, int most) {
   if (value >= 1 && value <= most) return;
   throw InvalidArgument("usage.number", flag, std::to_string(value) + " is outside 1 .. " + std::to_string(most),
-                        "See accessvdb bench --help");
+                        "See accessvdb-lab bench --help");
 }
 
 /// Only where it cannot be seen in the labels: the paper's policy and points that wait depend on when updates were
@@ -45,8 +45,8 @@ void checkWarmUp(const BenchOptions& options) {
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.describe("bench", "Replays a simulated flight among pines timing every stage of every frame.",
-                 "accessvdb bench --scene pine --frames 600 --voxel 0.01 --out bench.json\n"
-                 "  accessvdb bench --path orbit --max-range 10 --voxel 0.01 --tau 0.1 --frames 1700 --shortest "
+                 "accessvdb-lab bench --scene pine --frames 600 --voxel 0.01 --out bench.json\n"
+                 "  accessvdb-lab bench --path orbit --max-range 10 --voxel 0.01 --tau 0.1 --frames 1700 --shortest "
                  "--min-surface-points 3200000 --max-new-percent 6 --begin-by 1500 --out orbit.json");
   addCommonOptions(flags, options.map.common);
   flags.option("--scene", &options.scene, "scene to fly through: pine");
@@ -132,7 +132,7 @@ void checkBenchOptions(const BenchOptions& options) {
   const auto requirePositive = [](const char* flag, double value, double most) {
     if (value > 0 && value <= most) return;
     throw InvalidArgument("usage.number", flag, numberText(value) + " is outside 0 .. " + numberText(most),
-                          "See accessvdb bench --help");
+                          "See accessvdb-lab bench --help");
   };
   requirePositive("--sensor-rate", options.sensor_rate_hz, 1000);
   requirePositive("--speed", benchSpeed_m_s(options), 100);

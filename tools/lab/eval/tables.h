@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The tables of `accessvdb evaluate`: the paper's and this project's.
+/// The tables of `accessvdb-lab evaluate`: the paper's and this project's.
 #pragma once
 
 #include <exception>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb evaluate: the tables, from simulated scans against exact ground truth.
+/// accessvdb-lab evaluate: the tables, from simulated scans against exact ground truth.
 #include <csignal>
 #include <filesystem>
 
@@ -10,11 +10,10 @@
 #include "command_line.h"
 #include "eval/table_files.h"
 #include "eval/tables.h"
-#include "evaluate_consistency.h"
+#include "lab_verbs.h"
 #include "options.h"
 #include "output_files.h"
 #include "stop_signal.h"
-#include "verbs.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -28,7 +27,7 @@ std::string tableList() {
 }
 
 std::string commandLine(const Arguments& arguments) {
-  std::string line = "accessvdb evaluate";
+  std::string line = "accessvdb-lab evaluate";
   for (const std::string& argument : arguments) line += " " + argument;
   return printable(line);
 }
@@ -58,16 +57,15 @@ void say(const eval::TableResults& results, const fs::path& out, Messages& messa
 }  // namespace
 
 int runEvaluate(const Arguments& arguments, Messages& messages) {
-  if (wantsConsistency(arguments)) return runConsistency(arguments, messages);
   CommonOptions common;
   std::vector<std::string> tables;
   std::string out, cache, change = "block";
-  bool no_pictures = false, consistency = false;  // handled above
-  FlagParser flags;
+  bool no_pictures = false;
+  FlagParser flags(kLab);
   flags.describe("evaluate",
                  "Simulates the scenes of the paper's tables, maps them, and compares every label with exact ground "
                  "truth.",
-                 "accessvdb evaluate --table fast --out out/eval");
+                 "accessvdb-lab evaluate --table fast --out out/eval");
   addCommonOptions(flags, common);
   flags.list("--table", tables,
              "which tables: " + tableList() +
@@ -80,13 +78,11 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
                "longer match");
   flags.option("--change", &change, "how the product's profile follows a world that changes: block, off or full");
   flags.flag("--no-pictures", no_pictures, "leave out the pictures of the scenes");
-  flags.flag("--consistency", consistency,
-             "compare recorded scans with themselves instead; see evaluate --consistency --help");
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
   if (tables.empty()) {
     throw InvalidArgument("usage.missing", "--table", "is missing; the tables are " + tableList(),
-                          "See accessvdb evaluate --help");
+                          "See accessvdb-lab evaluate --help");
   }
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name a folder for the tables");
 

@@ -56,7 +56,7 @@ std::set<std::string> wantedTables(const std::vector<std::string>& asked) {
     }
     if (!found) {
       throw InvalidArgument("evaluate.table", name, "there is no table with this name; the tables are " + known,
-                            "See accessvdb evaluate --help");
+                            "See accessvdb-lab evaluate --help");
     }
   }
   if (wanted.empty()) throw InvalidArgument("evaluate.table", "", "no table was named; the tables are " + known);
