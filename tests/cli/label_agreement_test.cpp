@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Agreement of labels by voxel, against hand-computed figures, and the whole measurement on small scans.
-#include "label_agreement.h"
+#include "runs/label_agreement.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

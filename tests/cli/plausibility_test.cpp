@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Each warning is given for its cause, and an ordinary run gets none.
-#include "plausibility.h"
+#include "runs/plausibility.h"
 
 #include <gtest/gtest.h>
 

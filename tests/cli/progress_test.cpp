@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is shown of long jobs where stderr is no terminal.
-#include "progress.h"
+#include "output/progress.h"
 
 #include <gtest/gtest.h>
 

@@ -190,7 +190,7 @@ check_code() {
     sed -E 's/^([^:]*:[0-9]+):.*/\1: quiet-library: ends the process, resets the device or prints/' || true
 }
 
-# Messages of the library name its parameters; the program says which flags they are (tools/cli/error_output.cpp).
+# Messages of the library name its parameters; the program says which flags they are (tools/cli/output/error_output.cpp).
 check_flags_in_messages() {
   # shellcheck disable=SC2046  # one word per file, as above
   awk '/^[[:space:]]*\/\// { next }

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb VERB [options]: maps scans, and answers what of them a tool can reach.
 #include "accessvdb/error.h"
-#include "verbs.h"
+#include "verbs/verbs.h"
 
 namespace {
 

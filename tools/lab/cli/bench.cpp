@@ -20,15 +20,15 @@
 #include "accessvdb/field_io.h"
 #include "bench_options.h"
 #include "bench_record.h"
-#include "gpu_fallback.h"
-#include "json_text.h"
 #include "lab_verbs.h"
-#include "output_files.h"
-#include "progress.h"
-#include "report.h"
+#include "options/tools_given.h"
+#include "output/json_text.h"
+#include "output/output_files.h"
+#include "output/progress.h"
+#include "output/report.h"
+#include "output/stop_signal.h"
+#include "runs/gpu_fallback.h"
 #include "sim/simulator.h"
-#include "stop_signal.h"
-#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {

@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "options.h"
-#include "tools_given.h"
+#include "options/options.h"
+#include "options/tools_given.h"
 
 namespace accessvdb::tools {
 namespace {

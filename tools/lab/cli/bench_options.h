@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-#include "map_options.h"
+#include "options/map_options.h"
 #include "sim/forest.h"
 #include "sim/lidar_model.h"
 

@@ -7,8 +7,8 @@
 #include <locale>
 #include <sstream>
 
-#include "options.h"
-#include "report.h"
+#include "options/options.h"
+#include "output/report.h"
 
 namespace accessvdb::tools {
 namespace {

@@ -7,13 +7,13 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "command_line.h"
 #include "eval/table_files.h"
 #include "eval/tables.h"
 #include "lab_verbs.h"
-#include "options.h"
-#include "output_files.h"
-#include "stop_signal.h"
+#include "options/command_line.h"
+#include "options/options.h"
+#include "output/output_files.h"
+#include "output/stop_signal.h"
 
 namespace accessvdb::tools {
 namespace {

@@ -3,7 +3,7 @@
 /// The verbs of the lab, one file each.
 #pragma once
 
-#include "program.h"
+#include "output/program.h"
 
 namespace accessvdb::tools {
 

@@ -12,16 +12,16 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "json_text.h"
 #include "lab_verbs.h"
-#include "options.h"
-#include "output_files.h"
-#include "progress.h"
+#include "options/options.h"
+#include "output/json_text.h"
+#include "output/output_files.h"
+#include "output/progress.h"
+#include "output/stop_signal.h"
 #include "sim/mesh_ply.h"
 #include "sim/recording.h"
 #include "sim/simulator.h"
 #include "simulate_options.h"
-#include "stop_signal.h"
 
 namespace accessvdb::tools {
 namespace {

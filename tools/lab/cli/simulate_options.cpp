@@ -7,7 +7,7 @@
 #include <filesystem>
 
 #include "accessvdb/error.h"
-#include "options.h"
+#include "options/options.h"
 #include "sim/angles.h"
 #include "sim/pine.h"
 #include "sim/scene_catalogue.h"

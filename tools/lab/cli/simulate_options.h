@@ -8,7 +8,7 @@
 #include <optional>
 #include <string>
 
-#include "command_line.h"
+#include "options/command_line.h"
 #include "sim/lidar_model.h"
 #include "sim/scene.h"
 #include "sim/trajectory.h"

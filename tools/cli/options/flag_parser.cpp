@@ -1,0 +1,171 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "options/flag_parser.h"
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+
+#include "accessvdb/error.h"
+#include "options/flag_groups.h"
+
+namespace accessvdb::tools {
+
+namespace {
+
+/// From so many flags on, --help has headings.
+constexpr std::size_t kManyFlags = 24;
+
+std::string groupOf(const std::string& name) {
+  for (const auto& [group, names] : kFlagsOfGroups) {
+    if (names.find(" --" + name + " ") != std::string_view::npos) return std::string(group);
+  }
+  return std::string(kFlagGroups.back());
+}
+
+/// Headings in the order of kFlagGroups, not in that of the flags.
+class GroupedHelp final : public CLI::Formatter {
+ public:
+  std::string make_groups(const CLI::App* app, CLI::AppFormatMode mode) const override {
+    std::string text;
+    for (const std::string_view group : kFlagGroups) {
+      const auto belongs = [&](const CLI::Option* option) {
+        return option->nonpositional() && option->get_group() == group;
+      };
+      const std::vector<const CLI::Option*> options = app->get_options(belongs);
+      if (!options.empty()) text += make_group(std::string(group), false, options);
+    }
+    return text.empty() ? CLI::Formatter::make_groups(app, mode) : text;
+  }
+};
+
+/// Numbers are decimal, or the words inf and nan, which the ranges of most flags leave out. The parser's own conversion
+/// also reads hexadecimal, octal and blanks, and takes what is too large for infinity.
+std::string whyNoNumber(const std::string& text) {
+  if (text == "inf" || text == "-inf" || text == "nan") return {};
+  const auto is = [](char c, const char* set) { return c != '\0' && std::strchr(set, c) != nullptr; };
+  constexpr const char* kDigits = "0123456789";
+  const char* at = text.c_str();
+  const auto digits = [&] {
+    const char* const first = at;
+    while (is(*at, kDigits)) ++at;
+    return at - first;
+  };
+  if (is(*at, "+-")) ++at;
+  const auto whole = digits();
+  const auto part = *at == '.' ? (++at, digits()) : 0;
+  bool good = whole + part > 0;
+  if (good && is(*at, "eE")) {
+    if (is(*++at, "+-")) ++at;
+    good = digits() > 0;
+  }
+  good = good && at == text.c_str() + text.size();
+  const bool leading_zero = whole > 1 && text[text.find_first_of(kDigits)] == '0' && part == 0;
+  if (good && !leading_zero && std::isfinite(std::strtod(text.c_str(), nullptr))) return {};
+  return "\"" + text + "\" is not a decimal number";
+}
+
+}  // namespace
+
+struct FlagParser::Parser {
+  CLI::App app;
+};
+
+FlagParser::FlagParser(std::string program) : parser_(std::make_unique<Parser>()), program_(std::move(program)) {}
+FlagParser::~FlagParser() = default;
+
+void FlagParser::describe(const std::string& verb, const std::string& purpose, const std::string& example) {
+  verb_ = verb;
+  parser_->app.name(command());
+  parser_->app.description(purpose);
+  parser_->app.footer("Example:\n  " + example);
+}
+
+void FlagParser::option(const std::string& name, Target value, const std::string& help) {
+  const auto add = [&](auto* target) { return parser_->app.add_option(name, *target, help)->capture_default_str(); };
+  CLI::Option* option = std::visit([&](auto* target) -> CLI::Option* { return add(target); }, value);
+  if (!std::holds_alternative<std::string*>(value)) option->check(whyNoNumber, "");
+}
+
+void FlagParser::repeated(const std::string& name, std::string* value, const std::string& help) {
+  CLI::Option* option = parser_->app.add_option(name, *value, help)->capture_default_str();
+  option->multi_option_policy(CLI::MultiOptionPolicy::Join)->delimiter(kBetweenValues);
+}
+
+void FlagParser::list(const std::string& name, std::vector<std::string>& values, const std::string& help,
+                      std::optional<char> separator) {
+  CLI::Option* option = parser_->app.add_option(name, values, help);
+  if (separator) {
+    option->delimiter(*separator);
+  } else {
+    option->allow_extra_args(false);
+  }
+}
+
+void FlagParser::flag(const std::string& name, bool& value, const std::string& help) {
+  parser_->app.add_flag(name, value, help);
+}
+
+std::string FlagParser::help() const {
+  CLI::App& app = parser_->app;
+  if (const auto options = app.get_options(); options.size() >= kManyFlags) {
+    for (CLI::Option* option : app.get_options(nullptr)) option->group(groupOf(option->get_single_name()));
+    app.formatter(std::make_shared<GroupedHelp>());
+  }
+  return app.help();
+}
+
+bool FlagParser::parse(const std::vector<std::string>& arguments) {
+  try {
+    parser_->app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
+  } catch (const CLI::CallForHelp&) {
+    return false;
+  } catch (const CLI::ParseError& error) {
+    std::string problem = error.what();
+    while (!problem.empty() && (problem.back() == '.' || problem.back() == '\n')) problem.pop_back();
+    throw InvalidArgument("usage.option", verb_, problem, "See " + command() + " --help");
+  }
+  return true;
+}
+
+bool FlagParser::has(const std::string& key) const { return parser_->app.get_option_no_throw("--" + key) != nullptr; }
+
+bool FlagParser::repeats(const std::string& key) const {
+  const CLI::Option* option = parser_->app.get_option_no_throw("--" + key);
+  return option != nullptr && option->get_multi_option_policy() == CLI::MultiOptionPolicy::Join;
+}
+
+bool FlagParser::isSet(const std::string& key) const { return parser_->app.count("--" + key) > 0; }
+
+std::optional<std::string> FlagParser::set(const std::string& key, const std::string& text) {
+  CLI::Option* option = parser_->app.get_option("--" + key);
+  try {
+    option->add_result(text);
+    option->run_callback();
+  } catch (const CLI::ParseError& error) {
+    return error.what();
+  }
+  return std::nullopt;
+}
+
+std::vector<FlagParser::Setting> FlagParser::settings() const {
+  std::vector<Setting> settings;
+  for (const CLI::Option* option : std::as_const(parser_->app).get_options()) {
+    const std::string key = option->get_single_name();
+    if (option->get_lnames().empty()) continue;
+    if (option->get_expected_max() == 0) {
+      settings.push_back({key, option->count() > 0 && option->as<bool>()});
+    } else {
+      const bool joins = option->get_multi_option_policy() == CLI::MultiOptionPolicy::Join;
+      std::string text = option->get_default_str();
+      if (option->count() > 0) text = joins ? option->as<std::string>() : option->results().front();
+      settings.push_back({key, text});
+    }
+  }
+  return settings;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,55 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "options/survey_options.h"
+
+#include <array>
+#include <charconv>
+
+#include "options/options.h"
+
+namespace accessvdb::tools {
+
+void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
+  flags.option(
+      "--trajectory", &options.trajectory,
+      "positions of the sensor over time (t x y z, TUM, or CSV with a header), for .las, .laz or .ply in the world "
+      "frame with a time per return");
+  flags.option("--time-offset", &options.time_offset_s,
+               "seconds added to the times of clouds or scans before the trajectory or the poses are looked up");
+  flags.option("--stations", &options.stations,
+               "scanner positions, one line 'file x y z' for each cloud in the world frame");
+  flags.option("--ray", &options.ray,
+               "X,Y,Z from the sensor to every point of a cloud in the world frame whose rays are not known, metres: "
+               "0,0,-10 for a flight above it");
+  flags.option(
+      "--laz-command", &options.laz_command,
+      "command that writes a LAZ file, its last argument, as LAS to standard output; default: laszip -stdout or "
+      "las2las -stdout, if installed");
+}
+
+void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& input) {
+  input.trajectory = options.trajectory;
+  input.time_offset_s = options.time_offset_s;
+  input.stations = options.stations;
+  input.laz_command = options.laz_command;
+  if (!options.ray.empty()) input.ray_W = parseVector("--ray", options.ray);
+}
+
+std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const SurveyOptions& options) {
+  std::vector<std::pair<std::string, std::string>> given;
+  if (!options.trajectory.empty()) {
+    given.emplace_back("trajectory", options.trajectory);
+  }
+  if (!options.trajectory.empty() || options.time_offset_s != 0) {
+    // All digits: GPS time has ten before the point.
+    std::array<char, 32> text;
+    const auto end = std::to_chars(text.data(), text.data() + text.size(), options.time_offset_s).ptr;
+    given.emplace_back("time_offset", std::string(text.data(), end));
+  }
+  if (!options.stations.empty()) given.emplace_back("stations", options.stations);
+  if (!options.ray.empty()) given.emplace_back("ray", options.ray);
+  if (!options.laz_command.empty()) given.emplace_back("laz_command", options.laz_command);
+  return given;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,28 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The flags for clouds of surveys, which are in the world frame: where the sensor was, and how LAZ is decoded.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/scan_io.h"
+#include "options/flag_parser.h"
+
+namespace accessvdb::tools {
+
+struct SurveyOptions {
+  std::string trajectory, stations, laz_command, ray;
+  double time_offset_s = 0;
+};
+
+void addSurveyOptions(FlagParser& flags, SurveyOptions& options);
+
+/// Copies them into the library's options.
+void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& input);
+
+/// Names and values of those that were given, for the report.
+[[nodiscard]] std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const SurveyOptions& options);
+
+}  // namespace accessvdb::tools

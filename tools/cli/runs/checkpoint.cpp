@@ -1,0 +1,376 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "runs/checkpoint.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/saved_state.h"
+#include "output/json_text.h"
+#include "output/progress.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr const char* kManifest = "state.json";
+constexpr int kManifestSchema = 1;
+constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 28;  // a million scans
+
+/// Reads back as the same number.
+std::string fullNumber(double value) {
+  char text[40];
+  return {text, std::to_chars(text, text + sizeof text, value).ptr};
+}
+
+/// How the scans are read: another value would make other steps of the same files.
+std::map<std::string, std::string> readingOf(const MapOptions& options) {
+  std::map<std::string, std::string> reading = {{"every", std::to_string(options.every)},
+                                                {"pose_format", options.pose_format},
+                                                {"sensor_at", options.sensor_at},
+                                                {"time_offset", fullNumber(options.survey.time_offset_s)},
+                                                {"allow_truncated", options.allow_truncated ? "true" : "false"},
+                                                {"sort_poses", options.sort_poses ? "true" : "false"}};
+  // Later than the first checkpoints, which do not have them.
+  for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
+  for (const auto& given : givenSensorOptions(options.sensor))
+    if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
+  if (!options.survey.ray.empty()) reading["ray"] = options.survey.ray;
+  return reading;
+}
+
+std::vector<std::pair<std::string, std::string>> linesOf(const FieldParams& params) {
+  std::vector<std::pair<std::string, std::string>> lines;
+  std::istringstream text(params.describe());
+  for (std::string line; std::getline(text, line);) {
+    const auto space = line.find(' ');
+    lines.emplace_back(line.substr(0, space), space == std::string::npos ? "" : line.substr(space + 1));
+  }
+  const auto origin = [&](std::size_t axis) { return params.origin_W ? (*params.origin_W)[axis] : 0.0; };
+  lines.emplace_back("origin_W", params.origin_W
+                                     ? fullNumber(origin(0)) + "," + fullNumber(origin(1)) + "," + fullNumber(origin(2))
+                                     : "of the first scan");
+  lines.emplace_back("mirror_distance", params.mirror_distance ? "true" : "false");
+  return lines;
+}
+
+Json jsonOf(const std::vector<io::InputFile>& files) {
+  Json list = Json::array();
+  for (const io::InputFile& file : files) list.push_back({{"path", file.path}, {"sha256", file.sha256}});
+  return list;
+}
+std::vector<io::InputFile> filesFrom(const Json& list) {
+  std::vector<io::InputFile> files;
+  for (const Json& file : list) files.push_back({file.at("path"), file.at("sha256")});
+  return files;
+}
+
+/// @return no object if that is not what the file holds, or there is none
+Json parsed(const fs::path& manifest) {
+  std::error_code status;
+  if (fs::file_size(manifest, status) > kMostManifestBytes || status) return {};
+  std::ifstream in(manifest);
+  return Json::parse(in, nullptr, false);
+}
+
+/// Also if it cannot be read. The first manifest only announces the first state, so that what is left of a run that is
+/// killed between the two is known to be ours.
+bool holdsCheckpoint(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(fs::symlink_status(folder / kManifest, error))) return false;
+  const Json json = parsed(folder / kManifest);
+  return !json.is_object() || !json.contains("schema") || !json.contains("generation") || json["generation"] != 0;
+}
+
+[[noreturn]] void refuse(const std::string& id, const fs::path& folder, const std::string& problem) {
+  throw UnusableInput(id, folder.string(), problem, "Repeat the run as it was, or start again without --resume");
+}
+
+}  // namespace
+
+double parseDuration_s(const std::string& flag, const std::string& text) {
+  double value = -1;
+  const char* end = text.data() + text.size();
+  const auto [rest, status] = std::from_chars(text.data(), end, value);
+  const std::string unit(rest, end);
+  double factor = unit == "ms" ? 1e-3 : unit == "s" ? 1 : unit == "m" ? 60 : unit == "h" ? 3600 : 0;
+  if (unit.empty() && value == 0) factor = 1;
+  if (status != std::errc() || !(value >= 0) || !std::isfinite(value) || factor == 0) {
+    throw InvalidArgument("usage.duration", flag, "\"" + text + "\" is not a duration",
+                          "Write a number with s, m or h, for example 30s or 5m, or 0");
+  }
+  return value * factor;
+}
+
+RunProgress RunProgress::startOfTheseScans() const {
+  RunProgress start;
+  start.earlier_scans = earlier_scans;
+  start.earlier = earlier;
+  return start;
+}
+
+RunProgress RunProgress::followedByOthers() const {
+  RunProgress start;
+  start.earlier_scans = scansFused();
+  start.earlier = earlier;
+  start.earlier.insert(start.earlier.end(), poses.begin(), poses.end());
+  start.earlier.insert(start.earlier.end(), scans.begin(), scans.end());
+  return start;
+}
+
+void checkCheckpointOptions(const MapOptions& options) {
+  (void)parseDuration_s("--checkpoint-every", options.checkpoint_every);
+  if (options.checkpoint.empty() && options.resume.empty()) return;
+  if (fieldParams(options).update.policy == UpdatePolicy::Paper) {
+    throw InvalidArgument("usage.checkpoint", options.checkpoint.empty() ? "--resume" : "--checkpoint",
+                          "the paper's update policy depends on the field's history, which a checkpoint does not hold",
+                          "Use --policy exact, or leave it out");
+  }
+}
+
+void Checkpoints::prepare() {
+  every_s_ = parseDuration_s("--checkpoint-every", options_.checkpoint_every);
+  folder_ = options_.checkpoint.empty() ? options_.resume : options_.checkpoint;
+  if (folder_.empty()) return;
+  if (!options_.resume.empty()) {
+    if (holdsCheckpoint(options_.resume)) {
+      readManifest();
+    } else if (options_.checkpoint.empty() || !continuesInPlace()) {
+      throw InputError(
+          "state.missing", options_.resume, "holds no checkpoint (" + std::string(kManifest) + ")",
+          "Run without --resume; --checkpoint and --resume with the same folder start where there is none");
+    }
+  }
+  refuseOthers();
+  io::prepareOutputFolder(folder_);
+  const Json json = parsed(folder_ / kManifest);
+  if (!json.is_object()) return;
+  const auto generation = [&](const char* key) -> std::uint64_t {
+    return json.contains(key) && json[key].is_number_unsigned() ? json[key].get<std::uint64_t>() : 0;
+  };
+  generation_ = generation("generation");
+  // What a killed run left: the one before, or the next one.
+  for (const char* key : {"before", "next"}) {
+    if (generation(key) != generation_) removeState(generation(key));
+  }
+}
+
+/// A checkpoint that this run does not continue is somebody's work, and so is a manifest that we did not write.
+void Checkpoints::refuseOthers() const {
+  const fs::path manifest = folder_ / kManifest;
+  if (!holdsCheckpoint(folder_) || (resumed_ && continuesInPlace())) return;
+  if (options_.no_clobber) {
+    throw OutputError("output.exists", manifest.string(), "exists, and --no-clobber was given",
+                      "Use --resume to continue it, or choose another --checkpoint folder");
+  }
+  throw UnusableInput("state.other", folder_.string(),
+                      "holds the checkpoint of another run, which this one would replace",
+                      "Continue it with --resume, choose another --checkpoint folder, or delete it yourself");
+}
+
+fs::path Checkpoints::state(std::uint64_t generation) const {
+  return folder_ / ("state-" + std::to_string(generation) + ".avst");
+}
+
+/// Whether new checkpoints replace the one of --resume.
+bool Checkpoints::continuesInPlace() const {
+  std::error_code status;
+  return options_.checkpoint.empty() ||
+         fs::weakly_canonical(options_.resume, status) == fs::weakly_canonical(options_.checkpoint, status);
+}
+
+void Checkpoints::readManifest() {
+  const fs::path file = fs::path(options_.resume) / kManifest;
+  const auto damaged = [&](const std::string& what) {
+    return InputError("state.damaged", file.string(), what, "Use another checkpoint, or start again without --resume");
+  };
+  const Json json = parsed(file);
+  RunProgress progress;
+  SavedState saved;
+  try {
+    if (!json.is_object() || json.at("schema") != kManifestSchema) {
+      throw damaged("is not the manifest of a checkpoint that this program can read");
+    }
+    from_ = file.parent_path() / ("state-" + std::to_string(json.at("generation").get<std::uint64_t>()) + ".avst");
+    progress.earlier_scans = json.at("earlier_scans");
+    progress.earlier = filesFrom(json.at("earlier"));
+    progress.next_step = json.at("next_step");
+    progress.steps = json.at("steps");
+    progress.points_in = json.at("points_in");
+    progress.points_used = json.at("points_used");
+    progress.dropped = json.at("dropped");
+    progress.frames = json.at("frames");
+    progress.poses = filesFrom(json.at("poses"));
+    progress.scans = filesFrom(json.at("scans"));
+    saved = inspectState(from_);
+    if (saved.sha256 != json.at("head_sha256") || saved.scans != progress.scansFused()) {
+      throw damaged("belongs to another state than " + from_.filename().string());
+    }
+    reading_ = json.at("reading").get<std::map<std::string, std::string>>();
+  } catch (const Json::exception&) {
+    throw damaged("has missing or malformed entries");
+  }
+  if (progress.next_step == 0 || progress.next_step > progress.steps || progress.scans.empty()) {
+    throw damaged("has counts of steps and scans that contradict each other");
+  }
+  if (continuesInPlace()) written_scans_ = progress.scansFused();
+  resumed_ = std::move(progress);
+}
+
+AccessibilityField Checkpoints::load(const std::vector<ToolSpec>& tools, const FieldParams& params) const {
+  const auto before = linesOf(inspectState(from_).params), now = linesOf(params);
+  for (std::size_t n = 0; n < std::min(before.size(), now.size()); ++n) {
+    if (before[n] == now[n]) continue;
+    refuse("state.params", options_.resume,
+           before[n].first + " was " + before[n].second + " and is now " +
+               (before[n].first == now[n].first ? now[n].second : "replaced by " + now[n].first));
+  }
+  if (before.size() != now.size()) refuse("state.params", options_.resume, "other parameters were given");
+  return AccessibilityField::loadState(from_, tools, params.backend, params.threads, tableProgress(messages_));
+}
+
+bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
+  if (!resumed_ || paths.empty() || io::sha256OfFile(paths.front()) == resumed_->scans.front().sha256) return false;
+  if (resumed_->next_step < resumed_->steps) {
+    refuse("state.scans", options_.resume,
+           "it stopped after " + std::to_string(resumed_->next_step) + " of " + std::to_string(resumed_->steps) +
+               " scans, the first of which is " + resumed_->scans.front().path + ", and " + paths.front() +
+               " is another one");
+  }
+  std::set<std::string> known;
+  for (const auto* files : {&resumed_->earlier, &resumed_->scans}) {
+    for (const io::InputFile& file : *files) known.insert(file.sha256);
+  }
+  const auto again = static_cast<std::size_t>(std::count_if(
+      paths.begin(), paths.end(), [&](const std::string& path) { return known.contains(io::sha256OfFile(path)); }));
+  const std::string share = std::to_string(again) + " of " + std::to_string(paths.size()) + " scans";
+  if (2 * again > paths.size()) refuse("state.scans", options_.resume, share + " are in it already");
+  if (again > 0) messages_.warning("checkpoint.scans_again", share + " are in the checkpoint already");
+  return true;
+}
+
+std::map<std::string, std::string> Checkpoints::reading() const {
+  std::map<std::string, std::string> reading = readingOf(options_);
+  for (const auto& [key, value] : read_as_) reading[key] = value;
+  return reading;
+}
+
+void Checkpoints::requireSameReading(std::uint64_t steps) const {
+  std::map<std::string, std::string> reading = this->reading();
+  for (const auto& [key, value] : reading_) reading.try_emplace(key, "");
+  for (const auto& [key, value] : reading) {
+    const auto before = reading_.find(key);
+    if (before != reading_.end() && before->second == value) continue;
+    refuse("state.params", options_.resume,
+           key + " was \"" + (before == reading_.end() ? "" : before->second) + "\" and is now \"" + value + "\"");
+  }
+  if (steps != resumed_->steps) {
+    refuse("state.scans", options_.resume,
+           "there are now " + std::to_string(steps) + " scans to fuse, and were " + std::to_string(resumed_->steps));
+  }
+}
+
+void Checkpoints::requireSameInputs(const RunProgress& now) const {
+  const auto compare = [&](const std::string& what, const auto& before, const auto& files) {
+    for (std::size_t n = 0; n < std::min(before.size(), files.size()); ++n) {
+      if (before[n].sha256 == files[n].sha256) continue;
+      refuse("state.scans", options_.resume,
+             what + " " + files[n].path + " has different content from " + before[n].path);
+    }
+    if (before.size() == files.size()) return;
+    refuse("state.scans", options_.resume,
+           "there are " + std::to_string(files.size()) + " files with " + what + "s now, and " +
+               std::to_string(before.size()) + " were read before");
+  };
+  compare("pose", resumed_->poses, now.poses);
+  compare("scan", resumed_->scans, now.scans);
+}
+
+bool Checkpoints::due() const {
+  if (folder_.empty() || every_s_ == 0) return false;
+  return std::chrono::duration<double>(Clock::now() - last_).count() >= every_s_;
+}
+
+void Checkpoints::write(const AccessibilityField& field, const RunProgress& progress) {
+  if (folder_.empty() || written_scans_ == progress.scansFused()) return;
+  try {
+    writeBoth(field, progress);
+    written_scans_ = progress.scansFused();
+  } catch (const OutputError& error) {
+    messages_.warning("checkpoint.failed", std::string("no checkpoint was written: ") + error.what());
+  } catch (const InputError& error) {
+    messages_.warning("checkpoint.failed", std::string("the checkpoint cannot be read: ") + error.what());
+  }
+  std::error_code ignored;
+  if (generation_ == 0) fs::remove(folder_ / kManifest, ignored);  // it announces a state that has failed
+  last_ = Clock::now();
+}
+
+void Checkpoints::sayHowToGoOn() const {
+  if (folder_.empty() || written_scans_ == 0) return;
+  messages_.notice("--resume " + folder_.string() + " goes on after scan " + std::to_string(written_scans_));
+}
+
+void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& progress) {
+  const std::uint64_t generation = freeAfter(generation_);
+  const auto writeManifest = [&](const Json& json) {
+    const std::string text = jsonText(json, 1);
+    io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
+  };
+  if (generation_ == 0) writeManifest({{"schema", kManifestSchema}, {"generation", 0}, {"next", generation}});
+  field.saveState(state(generation));
+  const Json json = {{"schema", kManifestSchema},
+                     {"version", ACCESSVDB_VERSION},
+                     {"generation", generation},
+                     {"before", generation_},
+                     {"next", freeAfter(generation)},
+                     {"head_sha256", inspectState(state(generation)).sha256},
+                     {"earlier_scans", progress.earlier_scans},
+                     {"earlier", jsonOf(progress.earlier)},
+                     {"next_step", progress.next_step},
+                     {"steps", progress.steps},
+                     {"points_in", progress.points_in},
+                     {"points_used", progress.points_used},
+                     {"dropped", progress.dropped},
+                     {"frames", progress.frames},
+                     {"reading", reading()},
+                     {"poses", jsonOf(progress.poses)},
+                     {"scans", jsonOf(progress.scans)}};
+  writeManifest(json);
+  if (generation_ > 0) removeState(generation_);
+  generation_ = generation;
+}
+
+std::uint64_t Checkpoints::freeAfter(std::uint64_t generation) const {
+  std::error_code error;
+  do {
+    ++generation;
+  } while (fs::exists(fs::symlink_status(state(generation), error)));
+  return generation;
+}
+
+/// Only one that a manifest names, and that is a whole state: others may have put a file of that name there since.
+void Checkpoints::removeState(std::uint64_t generation) const {
+  std::error_code error;
+  if (generation == 0 || !fs::is_regular_file(fs::symlink_status(state(generation), error))) return;
+  try {
+    (void)inspectState(state(generation));
+    fs::remove(state(generation), error);
+  } catch (const Error&) {  // not ours
+  }
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,108 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Checkpoints of a run of `map`: the folder of --checkpoint and --resume.
+///
+/// It holds state-N.avst (AccessibilityField::saveState) and state.json, which names it and is written last. An older
+/// state is removed only then, so whenever a run is killed there is one whole checkpoint, or none yet.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/scan_io.h"
+#include "options/map_options.h"
+#include "output/report.h"
+
+namespace accessvdb::tools {
+
+/// "30s", "5m", "1h", "250ms", fractions too, or "0". @throws InvalidArgument naming the flag
+[[nodiscard]] double parseDuration_s(const std::string& flag, const std::string& text);
+
+/// How far a run is, besides its field.
+struct RunProgress {
+  std::uint64_t earlier_scans = 0;         ///< of other scan folders or clouds, added by earlier runs
+  std::vector<io::InputFile> earlier;      ///< their files
+  std::uint64_t next_step = 0, steps = 0;  ///< next one of this run to fuse, and how many there are
+  std::uint64_t points_in = 0, points_used = 0;
+  std::array<std::uint64_t, kNumDropReasons> dropped = {};
+  std::uint64_t frames = 0;          ///< of --sequence, written
+  std::vector<io::InputFile> poses;  ///< pose file and calibration, where there are any
+  std::vector<io::InputFile> scans;  ///< files read so far, in order
+
+  [[nodiscard]] std::uint64_t scansFused() const { return earlier_scans + next_step; }
+  /// Where this run started.
+  [[nodiscard]] RunProgress startOfTheseScans() const;
+  /// Where a run that adds other scans starts.
+  [[nodiscard]] RunProgress followedByOthers() const;
+};
+
+class Checkpoints {
+ public:
+  /// @param options  must outlive this, as must messages
+  Checkpoints(const MapOptions& options, Messages& messages) : options_(options), messages_(messages) {}
+
+  /// Makes the folder, removes what killed runs left in it, and reads the checkpoint of --resume.
+  /// @throws InputError "state.missing", "state.damaged"; UnusableInput "state.rules", "state.other"; OutputError
+  void prepare();
+
+  /// Says how the scans turned out to be read, beside what the options say.
+  void readAs(const std::string& key, const std::string& value) { read_as_[key] = value; }
+  /// Where --resume goes on; nothing for a run from the beginning.
+  [[nodiscard]] const std::optional<RunProgress>& resumed() const { return resumed_; }
+  /// The field of resumed(). @throws UnusableInput "state.params", naming the first difference, "state.tool"
+  [[nodiscard]] AccessibilityField load(const std::vector<ToolSpec>& tools, const FieldParams& params) const;
+  /// Whether these are other scans than those of resumed(), to be added after them.
+  /// @param paths  files of the scans, in order
+  /// @throws UnusableInput "state.scans" if resumed() did not get to the end of its own, or most are in it already
+  [[nodiscard]] bool addsOtherScans(const std::vector<std::string>& paths) const;
+  /// Compares how the scans of resumed() were listed with how they are now.
+  /// @throws UnusableInput "state.params", "state.scans"
+  void requireSameReading(std::uint64_t steps) const;
+  /// Compares the files. @param now  with as many scans read
+  /// @throws UnusableInput "state.scans", naming the first difference
+  void requireSameInputs(const RunProgress& now) const;
+
+  /// Whether --checkpoint-every has passed since the last one.
+  [[nodiscard]] bool due() const;
+  /// Writes one, unless there is nothing new. If that fails, a warning says so, and the run goes on.
+  void write(const AccessibilityField& field, const RunProgress& progress);
+  /// For a run that was stopped.
+  void sayHowToGoOn() const;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  void readManifest();
+  [[nodiscard]] bool continuesInPlace() const;
+  void writeBoth(const AccessibilityField& field, const RunProgress& progress);
+  void refuseOthers() const;
+  [[nodiscard]] std::uint64_t freeAfter(std::uint64_t generation) const;
+  void removeState(std::uint64_t generation) const;
+  [[nodiscard]] std::filesystem::path state(std::uint64_t generation) const;
+
+  const MapOptions& options_;
+  Messages& messages_;
+  std::filesystem::path folder_;  ///< empty without --checkpoint and --resume
+  std::filesystem::path from_;    ///< state of resumed()
+  double every_s_ = 0;
+  std::uint64_t generation_ = 0;     ///< of the last one in the folder
+  std::uint64_t written_scans_ = 0;  ///< in the last one
+  std::optional<RunProgress> resumed_;
+  [[nodiscard]] std::map<std::string, std::string> reading() const;
+
+  std::map<std::string, std::string> read_as_;
+  std::map<std::string, std::string> reading_;  ///< of resumed()
+  Clock::time_point last_ = Clock::now();
+};
+
+/// @throws InvalidArgument "usage.duration"; "usage.checkpoint" where the policy has no checkpoints
+void checkCheckpointOptions(const MapOptions& options);
+
+}  // namespace accessvdb::tools

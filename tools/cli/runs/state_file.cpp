@@ -1,0 +1,57 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "runs/state_file.h"
+
+#include <cstdint>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "accessvdb/error.h"
+#include "accessvdb/saved_state.h"
+#include "options/tools_given.h"
+#include "output/progress.h"
+
+namespace accessvdb::tools {
+
+namespace fs = std::filesystem;
+
+fs::path stateFile(const std::string& map, const std::string& id, const std::string& why) {
+  std::error_code ignored;
+  if (!fs::is_directory(map, ignored)) return map;
+  const fs::path manifest = fs::path(map) / "state.json";
+  std::ifstream in;
+  if (fs::is_regular_file(manifest, ignored)) in.open(manifest);
+  const auto json = nlohmann::ordered_json::parse(in, nullptr, false);
+  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned() ||
+      json["generation"] == 0) {
+    throw InvalidArgument(id, map, "holds results, but no saved state, without which " + why,
+                          "Run map with --checkpoint FOLDER, and name that folder");
+  }
+  return fs::path(map) / ("state-" + std::to_string(json["generation"].get<std::uint64_t>()) + ".avst");
+}
+
+AccessibilityField loadField(const fs::path& state, const MapOptions& tool_options, const CommonOptions& common,
+                             Messages& messages) {
+  if (tool_options.tool.tool.empty()) {
+    throw InvalidArgument("usage.missing", "--tool", "is missing",
+                          "Name the tool that the state was made with, in the same unit and pose");
+  }
+  const SavedState saved = inspectState(state);
+  MapOptions given = tool_options;
+  given.voxel_m = saved.params.tsdf.voxel_size_m;
+  if (saved.tools.empty()) requireOneTool(given, "a state of one tool");
+  std::vector<ToolSpec> tools = loadTools(given);
+  sayToolsNotes(given, tools, messages);
+  // A state of one tool says itself how it is turned.
+  if (saved.tools.empty()) tools = onlyTool(tools.front().tool, saved.params);
+  const BackendKind backend = common.device == "cpu"    ? BackendKind::Cpu
+                              : common.device == "cuda" ? BackendKind::Cuda
+                                                        : BackendKind::Auto;
+  AccessibilityField field =
+      AccessibilityField::loadState(state, tools, backend, common.threads, tableProgress(messages));
+  while (!saved.updated && field.update().backlog > 0) {
+  }
+  return field;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,300 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "runs/tile_job.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <set>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/tool_tables.h"
+#include "options/tools_given.h"
+#include "output/output_files.h"
+#include "output/progress.h"
+#include "runs/memory_check.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Flags that say where and how to run, not what to map.
+constexpr const char* kNotOfThePlan[] = {
+    "out",        "device",           "threads", "config", "quiet",     "error-format", "max-memory",
+    "tiles",      "bin-memory",       "fresh",   "help",   "keep-rays", "no-clobber",   "print-config",
+    "checkpoint", "checkpoint-every", "resume",  "append", "html",      "remove",       "removed-as"};
+constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
+/// Flags that change how the tool is read or what is written, beside the parameters of the field.
+constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
+                                        "half",      "compression", "up-axis",   "points-format"};
+/// Flags that say what a flight's scans are.
+constexpr const char* kOfAFlight[] = {"scans",     "poses",           "calib",      "pose-format", "sensor-at",
+                                      "every",     "allow-truncated", "sort-poses", "trajectory",  "time-offset",
+                                      "stations",  "laz-command",     "topic",      "pose-topic",  "fixed-frame",
+                                      "extrinsic", "exclude-box",     "level",      "ray"};
+
+constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
+/// Of the process without any map, and of one step of scans.
+constexpr std::uint64_t kProcessBytes = std::uint64_t{200} << 20;
+
+template <std::size_t kCount>
+bool isIn(const char* const (&list)[kCount], const std::string& key) {
+  return std::any_of(std::begin(list), std::end(list), [&](const char* word) { return key == word; });
+}
+
+fs::path absolutePath(const fs::path& path) { return fs::absolute(path).lexically_normal(); }
+
+/// Reads back as the same number.
+std::string exactNumber(double value) {
+  char text[40];
+  return {text, std::to_chars(text, text + sizeof text, value).ptr};
+}
+
+/// The settings named in a list, files left out: those are compared by their content.
+template <std::size_t kCount>
+std::string textOf(const PlanSettings& settings, const char* const (&list)[kCount]) {
+  std::string text;
+  for (const auto& [key, value] : settings) {
+    if (isIn(list, key) && !isIn(kPaths, key)) text += key + " " + valuesInWords(value) + "\n";
+  }
+  return text;
+}
+
+std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
+  std::vector<tiles::PlannedInput> inputs;
+  std::set<std::string> known;
+  const auto add = [&](const fs::path& given, bool small) {
+    std::error_code error;
+    if (given.empty() || !fs::is_regular_file(given, error)) return;
+    const fs::path path = absolutePath(given);  // the next step may run in another working directory
+    if (!known.insert(path.string()).second) return;
+    inputs.push_back({path.string(), fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
+  };
+  const SurveyOptions& survey = sources.options.survey;
+  for (const fs::path path : {sources.options.poses, sources.options.calib, survey.trajectory, survey.stations}) {
+    add(path, true);
+  }
+  for (const std::string& path : valuesOf(sources.options.tool.tool)) add(path, true);
+  for (const std::string& path : sources.scans.paths()) add(path, false);
+  return inputs;
+}
+
+tiles::Flight flightOf(const PlanSources& sources, const PlanSettings& settings) {
+  tiles::Flight flight;
+  flight.options = textOf(settings, kOfAFlight);
+  // What it does counts, not what was asked: other rays of the same files.
+  if (sources.scans.deskews()) flight.options += "deskewed true\n";
+  flight.inputs = inputsOf(sources);
+  for (std::size_t step = 0; step < sources.scans.size(); ++step) {
+    const double stamp_s = sources.scans.stamp_s(step).value_or(0);
+    flight.stamps_s.push_back(std::isfinite(stamp_s) ? stamp_s : 0);
+  }
+  flight.settings = settings;
+  return flight;
+}
+
+/// The largest edge of tiles that is not above the wanted one.
+std::int32_t edgeBelow(double wanted_m, const tiles::TileMargins& margins, double voxel_m) {
+  const double least_m = margins.least_tile_voxels * voxel_m;
+  // A length such as 6.4 at 0.05 m is meant as 128 voxels, whatever the last bit of the quotient says.
+  const double wanted_voxels = wanted_m / voxel_m * (1 + 1e-9);
+  if (wanted_voxels < margins.least_tile_voxels) {
+    throw InvalidArgument("usage.tiles", "--tiles " + numberText(wanted_m),
+                          "is less than twice the margin of " + numberText(margins.returns_voxels * voxel_m) +
+                              " m that every tile needs on each side with this tool",
+                          "Use --tiles " + numberText(least_m) + " or larger");
+  }
+  std::int32_t edge = margins.least_tile_voxels;
+  while (edge < (1 << 16) && 2.0 * edge <= wanted_voxels) edge *= 2;
+  return edge;
+}
+
+std::uint64_t binBytes(const MapOptions& options) {
+  if (!options.bin_memory.empty()) return std::max(parseBytes("--bin-memory", options.bin_memory), kLeastBinBytes);
+  const std::uint64_t limit = memoryLimit(options).value_or(4 * kMostBinBytes);
+  const std::uint64_t rest = limit > kProcessBytes ? limit - kProcessBytes : 0;
+  return std::clamp(rest / 2, kLeastBinBytes, kMostBinBytes);
+}
+
+tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
+  const FieldParams& params = sources.params;
+  const double voxel_m = params.tsdf.voxel_size_m;
+  double hidden = 0;
+  for (const ToolSpec& tool : sources.tools) {
+    hidden = std::max(hidden, toolShareHidden(tool.tool, toolParams(tool, params)));
+  }
+  requireShownTools(sources.options, sources.tools, params, hidden, messages);
+  const tiles::TileMargins margins = tiles::tileMargins(sources.tools, params, tableProgress(messages));
+  tiles::Plan plan;
+  plan.program = ACCESSVDB_VERSION;
+  PlanSettings settings = sources.settings;
+  std::erase_if(settings,
+                [](const auto& setting) { return setting.first == "range-noise" || setting.first == "origin"; });
+  // What was recorded next to the scans is found again without them, and an origin without the earlier result.
+  settings.emplace_back("range-noise", exactNumber(params.tsdf.range_noise_m));
+  if (const auto& origin_W = params.origin_W) {
+    settings.emplace_back(
+        "origin", exactNumber((*origin_W)[0]) + "," + exactNumber((*origin_W)[1]) + "," + exactNumber((*origin_W)[2]));
+  }
+  plan.parameters = describeTools(sources.tools, params) + textOf(settings, kOfTheResult);
+  plan.tool_name = sources.tools.size() == 1 ? sources.tools.front().tool.name() : namesOf(sources.tools);
+  plan.tool_sha256 = toolListSha256(sources.tools);
+  plan.origin_W = params.origin_W ? *params.origin_W : tiles::originOf(sources.scans, params);
+  plan.voxel_size_m = voxel_m;
+  plan.tile_voxels = chosen_voxels > 0 ? chosen_voxels : edgeBelow(wantedTile_m(sources.options), margins, voxel_m);
+  plan.margin_voxels = margins.returns_voxels;
+  plan.bin_bytes = binBytes(sources.options);
+  plan.flights.push_back(flightOf(sources, settings));
+  messages.notice("tiles of " + std::to_string(plan.tile_voxels) + " voxels, " +
+                  numberText(plan.tile_voxels * voxel_m) + " m, with a margin of " +
+                  numberText(plan.margin_voxels * voxel_m) + " m for the tool");
+  return plan;
+}
+
+/// Files that a run in one piece left: they are of another run than the tiles. Later ones may be merged from these.
+void removePieces(const fs::path& out) {
+  std::error_code ignored;
+  for (const fs::path& file : inFolder(out, {"field.vdb", "field_points.vdb", "points.ply", "points.las"})) {
+    if (isOwn(file)) fs::remove(file, ignored);
+  }
+}
+
+}  // namespace
+
+PlanSettings planSettings(const FlagParser& flags) {
+  PlanSettings settings;
+  for (const auto& [key, value] : flags.settings()) {
+    if (isIn(kNotOfThePlan, key)) continue;
+    const bool* on = std::get_if<bool>(&value);
+    std::string text = on != nullptr ? (*on ? "true" : "false") : std::get<std::string>(value);
+    if (text.empty() || text == "false") continue;
+    std::error_code ignored;
+    std::string absolute;
+    const std::vector<std::string> values = valuesOf(text);
+    for (std::size_t n = 0; n < values.size(); ++n) {
+      std::string each = values[n];
+      if (isIn(kPaths, key) && fs::exists(each, ignored)) each = absolutePath(each).string();
+      constexpr std::string_view kList = "list:";
+      if (key == "orientations" && each.starts_with(kList) && each.size() > kList.size()) {
+        each = std::string(kList) + absolutePath(each.substr(kList.size())).string();
+      }
+      absolute.append(n == 0 ? 0 : 1, kBetweenValues).append(each);
+    }
+    settings.emplace_back(key, absolute);
+  }
+  return settings;
+}
+
+std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldParams& params) {
+  if (options.exported.surface) return "--surface needs all points at once";
+  if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
+  if (!options.remove.empty()) return "--remove needs a map in one piece";
+  if (!options.checkpoint.empty() || !options.resume.empty()) {
+    return "finished tiles are kept without --checkpoint, and the same command goes on with the others";
+  }
+  if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
+  if (params.change.mode == ChangeMode::Full) {
+    return "--change full reads rays whose returns lie in other tiles; use --change block";
+  }
+  return std::nullopt;
+}
+
+tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
+  const fs::path out = sources.options.out;
+  if (!tiles::hasPlan(out)) {
+    tiles::requireOwnFolders(out);
+    const tiles::Plan plan = identified(newPlan(sources, chosen_voxels, messages));
+    if (!sources.options.no_clobber) removePieces(out);
+    tiles::writePlan(out, plan);
+    return plan;
+  }
+  const tiles::Plan found = tiles::readPlan(out);
+  const bool sized = wantedTile_m(sources.options) > 0;
+  tiles::Plan wanted = newPlan(sources, sized ? 0 : found.tile_voxels, messages);
+  wanted.bin_bytes = found.bin_bytes;
+  tiles::requireSame(identified(std::move(wanted)), found, out);
+  messages.notice("going on with the tiles of an earlier run in " + out.string());
+  return found;
+}
+
+namespace {
+
+/// Options as the plan's settings say.
+MapOptions optionsFrom(const fs::path& out, const PlanSettings& settings) {
+  MapOptions options;
+  FlagParser flags;
+  addMapFlags(flags, options, "--out");
+  for (const auto& [key, value] : settings) {
+    if (flags.has(key) && !flags.set(key, value)) continue;
+    throw InputError("plan.damaged", (out / "plan.json").string(), "has a setting that is not known: " + key,
+                     "Start again with --fresh");
+  }
+  return options;
+}
+
+}  // namespace
+
+OpenJob openJob(const fs::path& out, const MapOptions& options) {
+  tiles::Plan plan = tiles::readPlan(out);
+  const PlanSettings& settings = plan.flights.front().settings;
+  MapOptions planned = optionsFrom(out, settings);
+  planned.common = options.common;
+  planned.max_memory = options.max_memory;
+  planned.out = out.string();
+  std::vector<MapOptions> flights;
+  for (const tiles::Flight& flight : plan.flights) flights.push_back(optionsFrom(out, flight.settings));
+  std::vector<ToolSpec> specs = loadTools(planned);
+  FieldParams params = fieldParams(planned);
+  const auto changed = [&](const std::string& what) {
+    throw UnusableInput("plan.changed", out.string(), what,
+                        "Use what the plan was made with, or start again with --fresh");
+  };
+  if (plan.program != ACCESSVDB_VERSION) changed("was planned by version " + plan.program + " of accessvdb");
+  if (toolListSha256(specs) != plan.tool_sha256) {
+    changed("was planned with another tool than " + valuesInWords(planned.tool.tool) + " is now");
+  }
+  if (plan.parameters != describeTools(specs, params) + textOf(settings, kOfTheResult)) {
+    changed("was planned with other parameters");
+  }
+  params.mirror_distance = false;  // only for kernels of a live map; takes memory that the prediction does not count
+  tiles::Job job = {out, std::move(plan), specs, std::move(params)};
+  return {std::move(planned), std::move(flights), std::move(specs), std::move(job)};
+}
+
+void appendFlight(const fs::path& out, const MapOptions& options, const FlagParser& flags, Messages& messages) {
+  OpenJob open = openJob(out, options);
+  PlanSettings settings = planSettings(flags);
+  for (const auto& [key, value] : settings) {
+    if (isIn(kOfAFlight, key) || key == "deskew" || !flags.isSet(key)) continue;
+    throw InvalidArgument("usage.append", "--" + key, "belongs to the plan that the flight is added to",
+                          "Give the scans of the flight only");
+  }
+  std::erase_if(settings,
+                [](const auto& setting) { return !isIn(kOfAFlight, setting.first) && setting.first != "deskew"; });
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  sayAboutScans(scans, messages);
+  const PlanSources sources = {options, settings, open.tools, scans, open.job.params};
+  tiles::Plan& plan = open.job.plan;
+  plan.flights.push_back(flightOf(sources, settings));
+  tiles::writePlan(out, identified(plan));
+  messages.notice("the plan has " + std::to_string(plan.flights.size()) + " flights now; next: accessvdb tile bin " +
+                  out.string());
+}
+
+OpenScans::OpenScans(const OpenJob& open, Messages& messages) {
+  for (std::size_t n = 0; n < open.flights.size(); ++n) {
+    scans_.push_back(io::ScanSequence::open(scanInputOptions(open.flights[n])));
+    sayAboutScans(scans_.back(), messages);
+    const std::size_t planned = open.job.plan.flights[n].stamps_s.size();
+    if (scans_.back().size() == planned) continue;
+    throw UnusableInput("plan.changed", open.flights[n].scans,
+                        "has " + std::to_string(scans_.back().size()) + " steps instead of " + std::to_string(planned),
+                        "Restore the scans, or start again with --fresh");
+  }
+  for (io::ScanSequence& scans : scans_) pointers_.push_back(&scans);
+}
+
+}  // namespace accessvdb::tools

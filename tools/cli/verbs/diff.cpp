@@ -1,0 +1,139 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb diff: what changed between two maps of the same place.
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "accessvdb/error.h"
+#include "accessvdb/program/points_diff.h"
+#include "accessvdb/tiles.h"
+#include "options/command_line.h"
+#include "options/options.h"
+#include "output/json_text.h"
+#include "output/output_files.h"
+#include "output/stop_signal.h"
+#include "verbs/verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+/// The points.ply of a folder of either kind: one, or one per tile.
+std::vector<fs::path> pointFilesOf(const fs::path& map, Messages& messages) {
+  if (tiles::hasIndex(map)) {
+    const tiles::Index index = tiles::readIndex(map);
+    if (!index.complete) {
+      throw UnusableInput("diff.unfinished", map.string(), "not all of its tiles are finished",
+                          "Run accessvdb tile run and accessvdb tile merge first: what is missing would count as gone");
+    }
+    std::vector<fs::path> files;
+    for (const tiles::IndexedTile& tile : index.tiles) files.push_back(tile.folder / "points.ply");
+    if (files.empty()) messages.warning("field.empty", map.string() + " holds no tiles");
+    return files;
+  }
+  std::error_code error;
+  if (!fs::is_directory(map, error)) {
+    throw InputError("input.missing", map.string(), "no such folder", "Name the output folder of accessvdb map");
+  }
+  return {map / "points.ply"};
+}
+
+Json jsonDiff(const io::PointsDiff& diff) {
+  Json json = {{"match", diff.match == io::PointMatch::SameVoxel ? "same voxel" : "nearest within one voxel"},
+               {"voxel_size_m", diff.voxel_size_m},
+               {"points_before", diff.points_before},
+               {"points_after", diff.points_after},
+               {"same", diff.same}};
+  for (int n = 0; n < io::kNumPointChanges; ++n) {
+    json[name(static_cast<io::PointChange>(n))] = diff.changes[static_cast<std::size_t>(n)];
+  }
+  json["transitions"] = Json::array();
+  for (const auto& transition : diff.transitions) {
+    json["transitions"].push_back({{"label_before", name(transition.label_before)},
+                                   {"reason_before", name(transition.reason_before)},
+                                   {"label", name(transition.label_after)},
+                                   {"reason", name(transition.reason_after)},
+                                   {"points", transition.points}});
+  }
+  json["other_parameters"] = diff.other_parameters;
+  return json;
+}
+
+/// "blocked (tool)"; an accessible point has no reason.
+std::string stateInWords(PointLabel label, PointReason reason) {
+  return std::string(name(label)) + (label == PointLabel::Accessible ? "" : std::string(" (") + name(reason) + ")");
+}
+
+std::string line(const std::string& what, std::uint64_t points) {
+  const std::string count = std::to_string(points);
+  return "  " + what + std::string(what.size() < 46 ? 46 - what.size() : 1, ' ') +
+         std::string(count.size() < 10 ? 10 - count.size() : 0, ' ') + count + "\n";
+}
+
+std::string wordsOf(const io::PointsDiff& diff) {
+  const bool same_voxels = diff.match == io::PointMatch::SameVoxel;
+  std::string words = std::to_string(diff.points_before) + " points before, " + std::to_string(diff.points_after) +
+                      " after; compared " +
+                      (same_voxels ? "voxel by voxel" : "with the nearest within one voxel: the maps' origins differ") +
+                      "\n";
+  words += line("same label", diff.same);
+  for (int n = 0; n < io::kNumPointChanges; ++n) {
+    words += line(name(static_cast<io::PointChange>(n)), diff.changes[static_cast<std::size_t>(n)]);
+  }
+  if (!diff.transitions.empty()) words += "by label and reason, before -> after\n";
+  for (const auto& transition : diff.transitions) {
+    words += line(stateInWords(transition.label_before, transition.reason_before) + " -> " +
+                      stateInWords(transition.label_after, transition.reason_after),
+                  transition.points);
+  }
+  return words;
+}
+
+}  // namespace
+
+int runDiff(const Arguments& arguments, Messages& messages) {
+  CommonOptions common;
+  std::string before, after, out;
+  bool json = false;
+  FlagParser flags;
+  flags.describe("diff",
+                 "Compares two maps of the same place, by the same tool and voxel size: which points opened, closed, "
+                 "appeared or are gone. Folders of accessvdb map, in one piece or in tiles.",
+                 "accessvdb diff out/spring out/autumn --out out/changes");
+  addCommonOptions(flags, common);
+  flags.option("BEFORE", &before, "folder of the earlier map");
+  flags.option("AFTER", &after, "folder of the later map");
+  flags.option("--out", &out, "folder for diff.ply, diff.vdb and diff.json; without it only the table is printed");
+  flags.flag("--json", json, "print the table as JSON");
+  if (!parseCommandLine(flags, arguments, common, messages)) return 0;
+  checkCommonOptions(common);
+  if (before.empty() || after.empty()) {
+    throw InvalidArgument("usage.missing", "diff", "needs two folders", "Name the earlier map, then the later one");
+  }
+  if (!out.empty()) {
+    const Paths outputs = inFolder(out, {"diff.ply", "diff.vdb", "diff.json"});
+    requireNoInputs(outputs, joined(joined(filesOfMap(before), filesOfMap(after)), {common.config}));
+    requireOwn(outputs);
+    io::prepareOutputFolder(out);
+  }
+
+  const io::PointsDiff diff = io::diffPoints(pointFilesOf(before, messages), pointFilesOf(after, messages));
+  for (const std::string& parameter : diff.other_parameters) {
+    messages.warning("diff.parameters", "the maps were made with different parameters: " + parameter);
+  }
+  endOnStopSignals(messages);
+  if (!out.empty()) {
+    const fs::path folder = out;
+    io::writeDiffPly(folder / "diff.ply", diff);
+    io::writeDiffVdb(folder / "diff.vdb", diff);
+    io::writeFileDurably(folder / "diff.json",
+                         [&](std::ostream& stream) { stream << jsonText(jsonDiff(diff), 2) << "\n"; });
+    messages.notice("wrote diff.ply, diff.vdb and diff.json into " + out);
+  }
+  printData(json ? jsonText(jsonDiff(diff), 2) + "\n" : wordsOf(diff));
+  return 0;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,26 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The page for a browser, for the verbs `report` and `map --html`.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+
+#include "options/options.h"
+#include "output/error_output.h"
+
+namespace accessvdb::tools {
+
+/// Name of the page that `map --html` leaves beside report.json.
+inline constexpr const char* kPageFile = "report.html";
+
+struct PageSources {
+  std::filesystem::path html, folder;
+  const ToolGeometry* tool = nullptr;  ///< to be drawn
+  std::filesystem::path tool_file;     ///< it was read from
+  std::uint64_t most_points = 0;       ///< 0 = the library's limit
+};
+/// Writes the page, and says what it holds and what is odd about it. @throws what io::writeHtmlReport() throws
+void writePage(const PageSources& sources, Messages& messages);
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,340 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb live: clouds and poses over DDS in, labels out while they come; files as those of `map` at the end.
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_export.h"
+#include "accessvdb/live_session.h"
+#include "accessvdb/render.h"
+#include "accessvdb/surface_points.h"
+#include "accessvdb/tool_tables.h"
+#include "dds/outgoing_messages.h"
+#include "dds/participant.h"
+#include "options/live_options.h"
+#include "options/tools_given.h"
+#include "output/output_files.h"
+#include "output/report.h"
+#include "output/run_summary.h"
+#include "output/stop_signal.h"
+#include "runs/gpu_fallback.h"
+#include "verbs/verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply", "preview.png", "report.json"};
+/// Times of so many scans go into report.json, the last ones: a run may go on for days.
+constexpr std::size_t kTimedScans = 10000;
+/// More points are not sent as one message: 60 MB.
+constexpr std::size_t kMostSentPoints = 1500000;
+constexpr auto kWordsEvery = std::chrono::seconds(5);
+
+double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+/// A line per scan: its time in nanoseconds, and "taken" or "late" (only fused) with what it took, or why it was
+/// dropped.
+class ScanLog {
+ public:
+  explicit ScanLog(const std::string& path) : path_(path) {
+    if (path.empty()) return;
+    out_.open(path, std::ios::trunc);
+    out_ << "# stamp_ns outcome waited_ms latency_ms changed_points\n" << std::flush;
+    check();
+  }
+  void taken(const LiveStep& step) {
+    if (path_.empty()) return;
+    char text[160];
+    std::snprintf(text, sizeof text, "%lld %s %.3f %.3f %zu\n", static_cast<long long>(step.stamp_ns),
+                  step.late ? "late" : "taken", step.waited_ms, step.latency_ms, step.changed.size());
+    out_ << text << std::flush;
+    check();
+  }
+  void dropped(const std::vector<DroppedScan>& scans) {
+    if (path_.empty()) return;
+    for (const DroppedScan& scan : scans) out_ << scan.stamp_ns << " " << name(scan.reason) << "\n";
+    out_ << std::flush;
+    check();
+  }
+
+ private:
+  void check() const {
+    if (!out_) throw OutputError("output.write", path_, "cannot be written", "Check the folder and free space");
+  }
+  std::string path_;
+  std::ofstream out_;
+};
+
+/// One run. Its report is always complete, so that it can be written whatever happens.
+class LiveRun {
+ public:
+  LiveRun(const LiveRunOptions& options, Messages& messages) : options_(options), messages_(messages) {
+    for (StageTimes* times : {&report_.frame, &report_.integrate, &report_.mirror, &report_.update, &report_.score,
+                              &report_.changed_leaves, &report_.mirror_bytes})
+      *times = StageTimes(kTimedScans);
+  }
+
+  /// @return 128 + the signal that stopped it
+  int run();
+  /// Reports how far the run came. If it may not or cannot write, it prints nothing and leaves existing files alone.
+  void reportFailure(const Failure& failure);
+
+ private:
+  void claimOutputFolder();
+  void setParameters(const FieldParams& params);
+  void receive(LiveSession& session, dds::Participant& participant, ScanLog& log);
+  void takeReady(LiveSession& session, dds::Participant& participant, ScanLog& log);
+  void note(const LiveStep& step);
+  void publishPoints(const LiveSession& session, dds::Participant& participant);
+  void publishStatus(const LiveSession& session, dds::Participant& participant);
+  void say(const LiveSession& session, const dds::Participant& participant);
+  void finish(const LiveSession& session);
+
+  const LiveRunOptions& options_;
+  Messages& messages_;
+  RunReport report_;
+  bool refused_ = false;  // existing outputs must stay
+  bool said_full_ = false, said_many_ = false;
+  std::int64_t last_stamp_ns_ = 0;
+  std::uint64_t sent_after_scans_ = 0, sent_to_ = 0;  // of the last message with all points
+  Clock::time_point start_ = Clock::now();
+};
+
+void LiveRun::claimOutputFolder() {
+  const fs::path out = options_.map.out;
+  if (options_.map.no_clobber) {
+    for (const char* file : kOutputs) {
+      std::error_code status;
+      if (!fs::exists(fs::symlink_status(out / file, status))) continue;
+      refused_ = true;
+      throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
+                        "Choose another --out folder");
+    }
+  }
+  const Paths outputs = inFolder(out, {std::begin(kOutputs), std::end(kOutputs)});
+  requireNoInputs(joined(outputs, {options_.scan_log}), namedInputs(options_.map));
+  requireOwn(outputs);
+  io::prepareOutputFolder(out);
+}
+
+void LiveRun::setParameters(const FieldParams& params) {
+  const MapOptions& map = options_.map;
+  report_.parameters = {{"cloud", options_.cloud},
+                        {"odom", options_.odom},
+                        {"domain", std::to_string(domainOf(options_))},
+                        {"network", options_.network ? "true" : "false"},
+                        {"queue", std::to_string(options_.queue)},
+                        {"max_message", options_.max_message},
+                        {"tool", map.tool.tool},
+                        {"tool_unit", map.tool.unit},
+                        {"tool_tip", map.tool.tip},
+                        {"tool_axis", map.tool.axis},
+                        {"tool_up", map.tool.up},
+                        {"profile", map.profile},
+                        {"update_every", "1"}};
+  for (const auto& given : givenSensorOptions(map.sensor)) report_.parameters.push_back(given);
+  std::istringstream lines(params.describe());
+  for (std::string line; std::getline(lines, line);) {
+    const auto space = line.find(' ');
+    if (space != std::string::npos) report_.parameters.emplace_back(line.substr(0, space), line.substr(space + 1));
+  }
+}
+
+void LiveRun::note(const LiveStep& step) {
+  report_.add(step.fused);
+  report_.integrate.add(step.fused.integrate_ms);
+  report_.mirror.add(step.fused.mirror_ms);
+  report_.update.add(step.scored.update_ms);
+  report_.score.add(step.scored.score_ms);
+  report_.frame.add(step.latency_ms - step.waited_ms);
+  report_.changed_leaves.add(static_cast<double>(step.fused.changed_leaves));
+  report_.mirror_bytes.add(static_cast<double>(step.fused.mirror_bytes));
+  ++report_.scans;
+  last_stamp_ns_ = step.stamp_ns;
+}
+
+void LiveRun::takeReady(LiveSession& session, dds::Participant& participant, ScanLog& log) {
+  while (const auto step = session.step()) {
+    note(*step);
+    log.taken(*step);
+    if (!step->changed.empty() && participant.subscribers(dds::Output::Changes) > 0) {
+      participant.publish(dds::Output::Changes,
+                          dds::cloudMessage(step->changed, step->stamp_ns, session.status().world_frame));
+    }
+    if (stopSignal() != 0) break;
+  }
+  log.dropped(session.takeDropped());
+}
+
+/// All points, if somebody listens and has not had them.
+void LiveRun::publishPoints(const LiveSession& session, dds::Participant& participant) {
+  const std::uint64_t listeners = participant.subscribers(dds::Output::Points);
+  const bool changed = report_.scans != sent_after_scans_ || listeners > sent_to_;
+  sent_to_ = listeners;
+  if (listeners == 0 || !changed || report_.scans == 0) return;
+  const auto points = session.field().points();
+  if (points->size() > kMostSentPoints) {
+    if (!std::exchange(said_many_, true)) {
+      messages_.warning("live.many_points", std::to_string(points->size()) +
+                                                " points are too many for one message: " + dds::kOutputTopics[0] +
+                                                " stops, " + dds::kOutputTopics[1] + " goes on");
+    }
+    return;
+  }
+  participant.publish(dds::Output::Points, dds::cloudMessage(*points, last_stamp_ns_, session.status().world_frame));
+  sent_after_scans_ = report_.scans;
+}
+
+void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
+  const dds::TopicState clouds = participant.clouds(), poses = participant.poses();
+  report_.live = LiveReport{session.status(), clouds.malformed + poses.malformed, clouds.lost + poses.lost};
+  participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
+  if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
+    messages_.warning("live.memory_full", "map and points take " +
+                                              bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +
+                                              ", the limit: the map no longer grows, and what it has no place for "
+                                              "blocks; what it has is still updated");
+  }
+}
+
+/// One line about how it goes, not kept for the report.
+void LiveRun::say(const LiveSession& session, const dds::Participant& participant) {
+  const LiveStatus status = session.status();
+  const dds::TopicState clouds = participant.clouds(), poses = participant.poses();
+  std::string text = std::to_string(status.taken) + " of " + std::to_string(status.published) + " scans taken, " +
+                     std::to_string(status.allDropped()) + " dropped, " + std::to_string(status.surface_points) +
+                     " points, latency " + numberText(std::round(status.latency_p50_ms)) + " ms, p99 " +
+                     numberText(std::round(status.latency_p99_ms)) + " ms";
+  if (clouds.senders == 0) text += "; nobody publishes " + options_.cloud;
+  if (poses.senders == 0) text += "; nobody publishes " + options_.odom;
+  for (const auto& [topic, state] : {std::pair{options_.cloud, clouds}, std::pair{options_.odom, poses}}) {
+    if (state.malformed == 0) continue;
+    text += "; " + topic + ": " + std::to_string(state.malformed) + " unusable messages, the last " +
+            state.last_problem.substr(0, 200);
+  }
+  messages_.progress(text);
+}
+
+void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanLog& log) {
+  Clock::time_point points_at = start_, status_at = start_, words_at = Clock::now();
+  const auto due = [](Clock::time_point& last, double every_s) {
+    if (secondsSince(last) < every_s) return false;
+    last = Clock::now();
+    return true;
+  };
+  while (stopSignal() == 0) {
+    for (const std::string& notice : participant.poll()) messages_.notice(notice);
+    session.waitForWork(std::chrono::milliseconds(50));
+    takeReady(session, participant, log);
+    if (options_.points_every_s > 0 && due(points_at, options_.points_every_s)) publishPoints(session, participant);
+    if (due(status_at, options_.status_every_s)) publishStatus(session, participant);
+    if (Clock::now() - words_at < kWordsEvery) continue;
+    words_at = Clock::now();
+    say(session, participant);
+  }
+  // What has arrived is still taken: a few scans.
+  participant.stopReceiving();
+  session.endOfPoses();
+  while (session.status().waiting > 0) {
+    if (const auto step = session.step()) {
+      note(*step);
+      log.taken(*step);
+    }
+  }
+  log.dropped(session.takeDropped());
+  publishStatus(session, participant);
+}
+
+void LiveRun::finish(const LiveSession& session) {
+  const MapOptions& map = options_.map;
+  const fs::path out = map.out;
+  const AccessibilityField& field = session.field();
+  const auto points = field.points();
+  RunFacts facts{report_, SceneStatistics(), countPoints(report_, field.memoryUse(), *points), field.origin_W(),
+                 points->voxel_size_m()};
+  writeField(field, out, writeOptions(map.exported));
+  io::renderField(out / "preview.png", *points, renderOptions(map.picture));
+  for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
+  messages_.notice(toolInWords(field.tool(), map.tool));
+  messages_.notice("wrote field.vdb, field_points.vdb, points.ply, preview.png and report.json into " + out.string());
+}
+
+int LiveRun::run() {
+  checkLiveOptions(options_);
+  FieldParams params = fieldParams(options_.map);
+  setParameters(params);
+  claimOutputFolder();
+  watchStopSignals();
+  const ToolGeometry tool = loadTool(options_.map.tool);
+  params.approach.rolls = rollsOf(tool, params.approach);
+  setParameters(params);
+  for (const std::string& path : {options_.map.tool.tool, options_.map.common.config}) {
+    std::error_code status;
+    if (fs::is_regular_file(path, status)) report_.inputs.push_back({path, io::sha256OfFile(path)});
+  }
+  sayToolNotes(tool, messages_);
+  requireClosedTools(options_.map, onlyTool(tool, params));
+  sayChangeNotes(params, messages_);
+  ScanLog log(options_.scan_log);
+  LiveSession session(tool, params, sessionOptions(options_));
+  requireShownTools(options_.map, session.field().tools(), session.field().params(), session.field().toolShareHidden(),
+                    messages_);
+  report_.device = session.field().deviceName();
+  report_.device_note_id = session.field().deviceNoteId();
+  report_.device_note = session.field().deviceNote();
+  sayWhyNotOnGpu(session.field(), messages_);
+  {
+    const dds::ParticipantOptions domain = participantOptions(options_);
+    dds::Participant participant(domain, {[&](LiveScan scan) { session.addScan(std::move(scan)); },
+                                          [&](const LivePose& pose) { session.addPose(pose); }});
+    messages_.notice("live on domain " + std::to_string(domain.domain) +
+                     (domain.network ? ", all network interfaces" : ", this machine only (--network opens it)") +
+                     ", waiting for " + options_.cloud + " and " + options_.odom);
+    receive(session, participant, log);
+  }
+  const int signal = stopSignal();
+  messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
+                   numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(report_.scans) + " of " +
+                   std::to_string(report_.live->status.published) + " scans taken" +
+                   (report_.points_used > 0 ? "" : "; nothing to save"));
+  if (report_.points_used > 0) finish(session);
+  report_.exit_code = 128 + signal;
+  writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
+  return report_.exit_code;
+}
+
+void LiveRun::reportFailure(const Failure& failure) {
+  if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
+  if (!options_.map.out.empty() && !refused_)
+    writeFailure(options_.map.out, options_.map.no_clobber, report_, failure, messages_);
+}
+
+}  // namespace
+
+int runLive(const Arguments& arguments, Messages& messages) {
+  LiveRunOptions options;
+  FlagParser flags;
+  addLiveOptions(flags, options);
+  if (!parseCommandLine(flags, arguments, options.map.common, messages)) return 0;
+  if (options.map.print_config) {
+    printConfig(flags, options.map, "accessvdb live");
+    return 0;
+  }
+  LiveRun run(options, messages);
+  try {
+    return run.run();
+  } catch (const std::exception& error) {
+    run.reportFailure(describeFailure(error));
+    throw;
+  }
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,509 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb map: the main job, from files to files.
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <set>
+#include <sstream>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_export.h"
+#include "accessvdb/render.h"
+#include "accessvdb/surface_points.h"
+#include "accessvdb/tool_tables.h"
+#include "options/map_options.h"
+#include "options/region_options.h"
+#include "options/tools_given.h"
+#include "output/output_files.h"
+#include "output/progress.h"
+#include "output/report.h"
+#include "output/run_summary.h"
+#include "output/stop_signal.h"
+#include "runs/checkpoint.h"
+#include "runs/gpu_fallback.h"
+#include "runs/memory_check.h"
+#include "runs/plausibility.h"
+#include "runs/scan_stamps.h"
+#include "runs/tile_job.h"
+#include "runs/tiled_map.h"
+#include "verbs/html_report.h"
+#include "verbs/verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply", "preview.png", "report.json"};
+
+double millisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+/// One run. Its report is always complete, so that it can be written whatever happens.
+class MapRun {
+ public:
+  MapRun(const MapOptions& options, PlanSettings settings, Messages& messages)
+      : options_(options), settings_(std::move(settings)), messages_(messages), checkpoints_(options, messages) {}
+
+  /// @return 0, or 128 + the signal that stopped it
+  int run();
+  /// Reports how far the run came. If it may not or cannot write, it prints nothing and leaves existing files alone.
+  void reportFailure(const Failure& failure);
+
+ private:
+  void claimOutputFolder();
+  [[nodiscard]] Paths outputs() const;
+  void clearOutputFolder(const Paths& inputs);
+  void hashInput(const fs::path& path);
+  void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
+  int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
+  int work(io::ScanSequence& scans, AccessibilityField& field);
+  void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
+  std::size_t readResumed(io::ScanSequence& scans);
+  [[nodiscard]] RunProgress progress(const io::ScanSequence& scans) const;
+  void integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field);
+  void update(AccessibilityField& field);
+  bool removeRegions(AccessibilityField& field);
+  void writeFrame(const AccessibilityField& field);
+  void finish(const io::ScanSequence& scans, const AccessibilityField& field);
+  void writeHtml(const std::vector<ToolSpec>& tools);
+  void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
+
+  const MapOptions& options_;
+  PlanSettings settings_;
+  Messages& messages_;
+  Checkpoints checkpoints_;
+  RunProgress earlier_;  // scans that earlier runs added, before these ones
+  std::vector<io::InputFile> pose_inputs_;
+  std::size_t first_scan_input_ = 0;  // of report_.inputs
+  RunReport report_;
+  SceneStatistics scene_;
+  std::set<std::string> hashed_;
+  std::uint64_t truncated_points_ = 0, excluded_points_ = 0, unposed_points_ = 0;
+  std::uint64_t frames_ = 0;  // frames of the sequence written
+  bool refused_ = false;      // existing outputs must stay
+  bool written_ = false;      // the field including its labels
+  Clock::time_point start_ = Clock::now();
+};
+
+void MapRun::claimOutputFolder() {
+  const fs::path out = options_.out;
+  if (options_.no_clobber) {
+    std::vector<std::string> outputs(std::begin(kOutputs), std::end(kOutputs));
+    if (options_.exported.points_format == "las") outputs.emplace_back("points.las");
+    if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
+    if (options_.html) outputs.emplace_back(kPageFile);
+    if (options_.fresh) outputs.emplace_back("plan.json");
+    for (const std::string& file : outputs) {
+      std::error_code status;
+      if (!fs::exists(fs::symlink_status(out / file, status))) continue;
+      refused_ = true;
+      throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
+                        "Choose another --out folder");
+    }
+  }
+  requireNoInputs(outputs(), namedInputs(options_));
+  if (options_.tiles == "off" && !options_.fresh && tiles::hasPlan(out)) {
+    refused_ = true;
+    throw UnusableInput("plan.changed", out.string(), "holds tiles of another run",
+                        "Use another folder, or --fresh to delete them");
+  }
+  io::prepareOutputFolder(out);
+}
+
+Paths MapRun::outputs() const {
+  std::vector<std::string> names(std::begin(kOutputs), std::end(kOutputs));
+  if (options_.exported.points_format == "las") names.emplace_back("points.las");
+  if (options_.html) names.emplace_back(kPageFile);
+  std::error_code error;
+  if (options_.exported.sequence > 0) {  // some of these will be frames
+    for (const auto& entry : fs::directory_iterator(options_.out, error)) {
+      const std::string name = entry.path().filename().string();
+      if (name != "field_points.vdb" && name.starts_with("field_") && name.ends_with(".vdb")) names.push_back(name);
+    }
+  }
+  return inFolder(options_.out, names);
+}
+
+/// Checks all outputs once it is known which files are read; then --fresh.
+void MapRun::clearOutputFolder(const Paths& inputs) {
+  const fs::path out = options_.out;
+  requireNoInputs(outputs(), inputs);
+  requireOwn(outputs());
+  if (!options_.fresh) return;
+  requireNoInputsInTiles(out, inputs);
+  tiles::removePlan(out);
+}
+
+void MapRun::hashInput(const fs::path& path) {
+  std::error_code status;
+  if (path.empty() || !fs::is_regular_file(path, status) || !hashed_.insert(path.string()).second) return;
+  report_.inputs.push_back({path.string(), io::sha256OfFile(path)});
+}
+
+/// @param tools  none: they are not read yet
+void MapRun::setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools) {
+  report_.parameters = {{"scans", options_.scans},
+                        {"poses", options_.poses},
+                        {"pose_format", options_.pose_format},
+                        {"tool", valuesInWords(options_.tool.tool)},
+                        {"tool_unit", valuesInWords(options_.tool.unit)},
+                        {"tool_tip", valuesInWords(options_.tool.tip)},
+                        {"tool_axis", valuesInWords(options_.tool.axis)},
+                        {"tool_up", valuesInWords(options_.tool.up)},
+                        {"profile", options_.profile},
+                        {"every", std::to_string(options_.every)},
+                        {"update_every", std::to_string(options_.update_every)},
+                        {"mirror_distance", options_.mirror_distance ? "true" : "false"},
+                        {"half", options_.exported.half ? "true" : "false"},
+                        {"compression", options_.exported.compression},
+                        {"up_axis", options_.exported.up_axis},
+                        {"points_format", options_.exported.points_format},
+                        {"surface", options_.exported.surface ? "true" : "false"},
+                        {"sequence", std::to_string(options_.exported.sequence)}};
+  for (const auto& given : givenSurveyOptions(options_.survey)) report_.parameters.push_back(given);
+  for (const auto& given : givenRecordingOptions(options_.recording)) report_.parameters.push_back(given);
+  for (const auto& given : givenSensorOptions(options_.sensor)) report_.parameters.push_back(given);
+  std::istringstream lines(tools.empty() ? params.describe() : describeTools(tools, params));
+  for (std::string line; std::getline(lines, line);) {
+    const auto space = line.find(' ');
+    if (space != std::string::npos) report_.parameters.emplace_back(line.substr(0, space), line.substr(space + 1));
+  }
+}
+
+void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
+  const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S, stamp_s)
+                                                   : field.integrateRays(record.points_W, record.origins_W, stamp_s);
+  report_.add(stats);
+  report_.integrate.add(stats.integrate_ms);
+  report_.mirror.add(stats.mirror_ms);
+  report_.changed_leaves.add(static_cast<double>(stats.changed_leaves));
+  report_.mirror_bytes.add(static_cast<double>(stats.mirror_bytes));
+  if (options_.mirror_distance) {
+    report_.distance_mirror.add(stats.distance_mirror_ms);
+    report_.distance_leaves.add(static_cast<double>(stats.distance_leaves));
+    report_.distance_mirror_bytes.add(static_cast<double>(stats.distance_mirror_bytes));
+  }
+  truncated_points_ += record.truncated_points;
+  excluded_points_ += record.excluded_points;
+  unposed_points_ += record.unposed_points;
+  ++report_.scans;
+}
+
+void MapRun::update(AccessibilityField& field) {
+  const UpdateStats stats = field.update();
+  report_.update.add(stats.update_ms);
+  report_.score.add(stats.score_ms);
+}
+
+/// After the last checkpoint, which is of the scans alone. @return whether there was anything to remove
+bool MapRun::removeRegions(AccessibilityField& field) {
+  for (const std::string& text : options_.remove) {
+    const Region region = parseRegion(text);
+    const Removal removal = field.removeRegion(region, parseRemovedAs(options_.removed_as));
+    report_.removals.push_back({region.inWords(), removal});
+    messages_.notice("removed " + region.inWords() + " as " + name(removal.as) + ": " + std::to_string(removal.voxels) +
+                     " voxels, " + std::to_string(removal.points) + " points");
+  }
+  return !options_.remove.empty();
+}
+
+void MapRun::writeFrame(const AccessibilityField& field) {
+  writeFieldFrame(field, fs::path(options_.out) / frameName(frames_ + 1), writeOptions(options_.exported));
+  ++frames_;
+}
+
+void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
+  Progress progress(messages_, "fusing scans", scans.size());
+  const auto due = [this](int scans_each) {
+    return scans_each > 0 && report_.scans % static_cast<std::uint64_t>(scans_each) == 0;
+  };
+  const std::size_t first = readResumed(scans);
+  const std::uint64_t before = report_.scans;
+  bool fresh = before > 0;  // integrated since the last update
+  bool unshown = before > 0 && frames_ * static_cast<std::uint64_t>(options_.exported.sequence) < before;  // or frame
+  for (std::size_t step = first; step < scans.size() && stopSignal() == 0; ++step) {
+    const io::ScanRecord record = scans.read(step);
+    const auto begin = Clock::now();
+    integrate(record, scans.stamp_s(step).value_or(std::numeric_limits<double>::quiet_NaN()), field);
+    fresh = unshown = true;
+    const bool frame_due = due(options_.exported.sequence);
+    if (due(options_.update_every) || frame_due) {
+      update(field);
+      fresh = false;
+    }
+    report_.frame.add(millisecondsSince(begin));
+    scene_.add(record);
+    if (frame_due) {
+      writeFrame(field);
+      unshown = false;
+    }
+    hashInput(record.path);
+    progress.show(step + 1, fs::path(record.path).filename().string());
+    if (checkpoints_.due()) checkpoints_.write(field, this->progress(scans));
+  }
+  progress.finish();
+  if (report_.scans > before) checkpoints_.write(field, this->progress(scans));
+  if (stopSignal() == 0 && removeRegions(field)) fresh = true;
+  if (fresh) {
+    if (!messages_.quiet() && options_.update_every == 0) messages_.notice("scoring the surface points");
+    update(field);
+  }
+  // The last frame of the sequence has the same content as field.vdb.
+  if (options_.exported.sequence > 0 && unshown && report_.points_used > 0) writeFrame(field);
+}
+
+RunProgress MapRun::progress(const io::ScanSequence& scans) const {
+  RunProgress now = earlier_;
+  now.next_step = report_.scans - earlier_.earlier_scans;
+  now.steps = scans.size();
+  now.points_in = report_.points_in;
+  now.points_used = report_.points_used;
+  now.dropped = report_.dropped;
+  now.frames = frames_;
+  now.poses = pose_inputs_;
+  now.scans.assign(report_.inputs.begin() + static_cast<std::ptrdiff_t>(first_scan_input_), report_.inputs.end());
+  return now;
+}
+
+/// Reads those of the scans that are in the field of --resume already: they have to be the same ones, and the warnings
+/// at the end look at all scans. @return their number; 0 if these are others, to be added
+std::size_t MapRun::readResumed(io::ScanSequence& scans) {
+  if (!checkpoints_.resumed()) return 0;
+  const RunProgress& before = *checkpoints_.resumed();
+  std::vector<std::string> paths = scans.paths();
+  std::erase_if(paths, [this](const std::string& path) { return hashed_.contains(path); });  // poses
+  const bool others = checkpoints_.addsOtherScans(paths);
+  earlier_ = others ? before.followedByOthers() : before.startOfTheseScans();
+  report_.inputs.insert(report_.inputs.end(), earlier_.earlier.begin(), earlier_.earlier.end());
+  first_scan_input_ = report_.inputs.size();
+  const std::size_t first = others ? 0 : before.next_step;
+  if (!others) {
+    checkpoints_.requireSameReading(scans.size());
+    for (std::size_t step = 0; step < first && stopSignal() == 0; ++step) {
+      const io::ScanRecord record = scans.read(step);
+      scene_.add(record);
+      truncated_points_ += record.truncated_points;
+      excluded_points_ += record.excluded_points;
+      unposed_points_ += record.unposed_points;
+      hashInput(record.path);
+    }
+    if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
+  }
+  report_.scans = before.scansFused();
+  report_.resumed_after_scans = report_.scans;
+  report_.points_in = before.points_in;
+  report_.points_used = before.points_used;
+  report_.dropped = before.dropped;
+  frames_ = before.frames;
+  messages_.notice(others
+                       ? "adding " + std::to_string(scans.size()) + " scans to " + std::to_string(report_.scans)
+                       : "going on after " + std::to_string(first) + " of " + std::to_string(scans.size()) + " scans");
+  return first;
+}
+
+void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& field) {
+  const fs::path out = options_.out;
+  if (stopSignal() == 0) {
+    for (const std::string& path : scans.paths()) hashInput(path);
+  }
+  const auto points = field.points();
+  const Eigen::AlignedBox3d surface_W = countPoints(report_, field.memoryUse(), *points);
+  if (excluded_points_ > 0)
+    messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
+  if (unposed_points_ > 0)
+    messages_.notice(std::to_string(unposed_points_) +
+                     " returns were left out: there is no pose at the time at which each was measured");
+  if (truncated_points_ > 0) {
+    messages_.warning("input.truncated",
+                      std::to_string(truncated_points_) + " points announced by the files are missing");
+  }
+
+  writeField(field, out, writeOptions(options_.exported));
+  written_ = true;
+  io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
+
+  RunFacts facts{report_, scene_, surface_W, field.origin_W(), points->voxel_size_m()};
+  facts.tool_size_m = (field.tool().max_T() - field.tool().min_T()).cast<double>();
+  facts.tool_reach_m = field.tool().reach_m();
+  facts.level_approaches = std::all_of(field.tools().begin(), field.tools().end(),
+                                       [](const ToolSpec& tool) { return tool.orientations.isYaw(); });
+  for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
+  for (const std::string& line : toolsInWords(options_, field.tools())) messages_.notice(line);
+  for (const ReportedTool& tool : report_.tools) {
+    messages_.notice("tool " + tool.name + " reaches " + std::to_string(tool.accessible) + " points");
+  }
+  for (const Warning& warning : findImplausible(facts)) messages_.warning(warning.id, warning.text);
+  if (frames_ > 0) {
+    messages_.notice("wrote a sequence of " + std::to_string(frames_) + " frames, " + frameName(1) + " to " +
+                     frameName(frames_));
+    if (lastFrameIn(out) > frames_) {
+      messages_.warning("output.old_frames", (out / frameName(lastFrameIn(out))).string() + " and others after " +
+                                                 frameName(frames_) + " are from an earlier run");
+    }
+  }
+  messages_.notice("done in " + numberText(std::round(millisecondsSince(start_) / 100) / 10) +
+                   " s; wrote field.vdb, field_points.vdb, " + "points.ply, preview.png and report.json into " +
+                   out.string());
+}
+
+/// Saves what is left after the device failed: map and points are on the host, the labels were on the device.
+void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field) {
+  if (written_ || report_.points_used == 0) return;
+  const fs::path out = options_.out;
+  try {
+    const auto points = field.unscoredPoints();
+    static_cast<void>(countPoints(report_, field.memoryUse(), *points));
+    writeFieldUnscored(field, out, writeOptions(options_.exported));
+    io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
+    messages_.warning("device.unscored", "saved what was fused of " + std::to_string(report_.scans) + " of " +
+                                             std::to_string(scans.size()) + " scans into " + out.string() +
+                                             ", all points unscored: the labels were on the GPU");
+  } catch (const std::exception& error) {
+    messages_.warning("device.not_saved", std::string("what was fused could not be saved: ") + error.what());
+  }
+}
+
+int MapRun::run() {
+  checkMapOptions(options_);
+  setParameters(fieldParams(options_));
+  if (wantedTile_m(options_) > 0) requireTilesPossible(options_, fieldParams(options_));
+  claimOutputFolder();
+  checkpoints_.prepare();
+  watchStopSignals();
+
+  const std::vector<ToolSpec> tools = loadTools(options_);
+  for (const std::string& path : valuesOf(options_.tool.tool)) hashInput(path);
+  sayToolsNotes(options_, tools, messages_);
+  requireClosedTools(options_, tools);
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
+  for (const fs::path path : {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations}) {
+    const std::size_t before = report_.inputs.size();
+    hashInput(path);
+    pose_inputs_.insert(pose_inputs_.end(), report_.inputs.begin() + static_cast<std::ptrdiff_t>(before),
+                        report_.inputs.end());
+  }
+  hashInput(options_.common.config);
+  first_scan_input_ = report_.inputs.size();
+  clearOutputFolder(inputsWith(options_, scans));
+  sayAboutScans(scans, messages_);
+  if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
+
+  const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
+  FieldParams of_field = params;  // a plan has them as they were given
+  of_field.approach.rolls = rollsOf(tools.front().tool, params.approach);
+  setParameters(of_field, tools);
+  sayChangeNotes(params, messages_);
+  requireStamps(options_, params, scans, messages_);
+  report_.tools = reportedTools(options_, tools);
+  const PlanSources sources = {options_, settings_, tools, scans, params};
+  const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
+  if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
+  std::function<tiles::TileMargins()> margins;
+  if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) {
+    margins = [&] { return tiles::tileMargins(tools, params, tableProgress(messages_)); };
+  }
+  const auto memory =
+      checkMemory(options_, tools, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans,
+                  margins, messages_);
+  if (memory) report_.predicted_bytes = memory->predicted_bytes;
+  if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
+  AccessibilityField field = checkpoints_.resumed() ? checkpoints_.load(tools, of_field)
+                                                    : AccessibilityField(tools, of_field, tableProgress(messages_));
+  requireShownTools(options_, tools, field.params(), field.toolShareHidden(), messages_);
+  for (std::size_t k = 0; k < report_.tools.size(); ++k) report_.tools[k].collision_limit = field.collisionLimit(k);
+  report_.device = field.deviceName();
+  report_.device_note_id = field.deviceNoteId();
+  report_.device_note = field.deviceNote();
+  sayWhyNotOnGpu(field, messages_);
+  try {
+    return work(scans, field);
+  } catch (const Error& error) {
+    // Out of memory or lost; the caller reports the error itself.
+    if (error.subject() == "cuda") saveUnscored(scans, field);
+    throw;
+  }
+}
+
+int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
+  requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
+  const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
+  writeReport(fs::path(options_.out) / "report.json", report_, messages_);
+  if (report_.tiles) writeHtml(sources.tools);
+  return exit_code;
+}
+
+/// After report.json, which it shows.
+void MapRun::writeHtml(const std::vector<ToolSpec>& tools) {
+  PageSources sources;
+  sources.html = fs::path(options_.out) / kPageFile;
+  if (!options_.html) {
+    std::error_code status;
+    if (fs::exists(sources.html, status)) {
+      messages_.warning("output.old_report",
+                        sources.html.string() + " is from an earlier run; --html writes a new one");
+    }
+    return;
+  }
+  sources.folder = options_.out;
+  if (tools.size() == 1) sources.tool = &tools.front().tool;  // the page draws one
+  writePage(sources, messages_);
+}
+
+int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
+  integrateAll(scans, field);
+  const int signal = stopSignal();
+  if (signal != 0) {
+    messages_.notice(std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) +
+                     " of " + std::to_string(earlier_.earlier_scans + scans.size()) + " scans" +
+                     (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
+    checkpoints_.sayHowToGoOn();
+  }
+  if (report_.points_used > 0) {
+    finish(scans, field);
+  } else if (signal == 0) {
+    throw UnusableInput("scans.no_returns", options_.scans,
+                        "none of the " + std::to_string(report_.points_in) + " returns in " +
+                            std::to_string(report_.scans) + " scans can be used (" + droppedInWords(report_) + ")",
+                        "Check the scans, --min-range and --max-range");
+  }
+  report_.exit_code = signal == 0 ? 0 : 128 + signal;
+  writeReport(fs::path(options_.out) / "report.json", report_, messages_);
+  if (report_.points_used > 0) writeHtml(field.tools());
+  return report_.exit_code;
+}
+
+void MapRun::reportFailure(const Failure& failure) {
+  // The folder stays as it was, without a report.
+  if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
+  if (!options_.out.empty() && !refused_) writeFailure(options_.out, options_.no_clobber, report_, failure, messages_);
+}
+
+}  // namespace
+
+int runMap(const Arguments& arguments, Messages& messages) {
+  MapOptions options;
+  FlagParser flags;
+  addMapOptions(flags, options);
+  if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
+  if (options.print_config) {
+    printConfig(flags, options, "accessvdb map", " (a range noise recorded next to the scans changes it)");
+    return 0;
+  }
+  MapRun run(options, planSettings(flags), messages);
+  try {
+    return run.run();
+  } catch (const std::exception& error) {
+    run.reportFailure(describeFailure(error));
+    throw;
+  }
+}
+
+}  // namespace accessvdb::tools
