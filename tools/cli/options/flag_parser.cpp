@@ -29,8 +29,8 @@ std::string groupOf(const std::string& name) {
 /// Headings in the order of kFlagGroups, not in that of the flags.
 class GroupedHelp final : public CLI::Formatter {
  public:
-  std::string make_groups(const CLI::App* app, CLI::AppFormatMode mode) const override {
-    std::string text;
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode) const override {
+    std::string text = make_description(app) + make_usage(app, std::move(name)) + make_positionals(app);
     for (const std::string_view group : kFlagGroups) {
       const auto belongs = [&](const CLI::Option* option) {
         return option->nonpositional() && option->get_group() == group;
@@ -38,7 +38,7 @@ class GroupedHelp final : public CLI::Formatter {
       const std::vector<const CLI::Option*> options = app->get_options(belongs);
       if (!options.empty()) text += make_group(std::string(group), false, options);
     }
-    return text.empty() ? CLI::Formatter::make_groups(app, mode) : text;
+    return text + "\n" + make_footer(app);
   }
 };
 
