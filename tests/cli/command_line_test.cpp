@@ -3,7 +3,11 @@
 /// Help, configuration files and the forms of output that every verb shares.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "program_run.h"
 
@@ -26,6 +30,39 @@ TEST_F(CommandLine, EveryVerbHelpsWithAnExample) {
   EXPECT_EQ(overview.exit_code, 0);
   for (const char* verb : {"map", "info", "query", "diff", "render", "report"})
     EXPECT_NE(overview.out.find(verb), std::string::npos);
+}
+
+/// Each flag has the heading that it has in every other verb.
+TEST_F(CommandLine, HelpOfManyFlagsHasHeadings) {
+  constexpr std::array<std::string_view, 7> kOrder = {
+      "Input:", "Tool:", "World:", "Output:", "Expert:", "Run:", "Example:"};
+  std::map<std::string, std::string> heading_of;
+  for (std::vector<std::string> verb :
+       {std::vector<std::string>{"map"}, {"live"}, {"tile", "plan"}, {"consistency"}, {"advise"}}) {
+    verb.push_back("--help");
+    const ProgramResult result = runProgram(verb);
+    if (result.exit_code != 0) continue;  // a build without live
+    std::vector<std::string> headings;
+    std::istringstream lines(result.out);
+    for (std::string line; std::getline(lines, line);) {
+      if (std::ranges::find(kOrder, line) != kOrder.end()) headings.push_back(line);
+      if (!line.starts_with("  --")) continue;
+      ASSERT_FALSE(headings.empty()) << line;
+      const std::string flag = line.substr(2, line.find_first_of(" =,", 2) - 2);
+      EXPECT_EQ(heading_of.emplace(flag, headings.back()).first->second, headings.back())
+          << verb.front() << " " << flag;
+    }
+    EXPECT_TRUE(std::ranges::is_sorted(headings, {}, [&](const std::string& heading) {
+      return std::ranges::find(kOrder, heading) - kOrder.begin();
+    })) << result.out;
+  }
+  EXPECT_GT(heading_of.size(), 80u);
+  EXPECT_EQ(heading_of["--scans"], "Input:");
+  EXPECT_EQ(heading_of["--tool-unit"], "Tool:");
+  EXPECT_EQ(heading_of["--voxel"], "World:");
+  EXPECT_EQ(heading_of["--html"], "Output:");
+  EXPECT_EQ(heading_of["--policy"], "Expert:");
+  EXPECT_EQ(heading_of["--threads"], "Run:");
 }
 
 TEST_F(CommandLine, MapHasEveryDocumentedFlag) {

@@ -28,7 +28,7 @@ constexpr std::size_t kMostConfigBytes = std::size_t{1} << 20;
 constexpr std::ptrdiff_t kMostConfigDots = 10'000;
 
 constexpr const char* kVerbs[] = {"map",   "tile", "live",  "advise", "consistency", "evaluate", "simulate",
-                                  "bench", "info", "query", "diff",   "render",      "report"};
+                                  "bench", "info", "query", "diff",   "render",      "report",   "whatif"};
 
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 /// @param between  of the elements of an array
