@@ -17,7 +17,7 @@
 #include "hostdev/position_voxel.h"
 #include "hostdev/voxel_scale.h"
 #include "points/bits_of_bytes.h"
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 #include "points/radix_sort.h"
 
 namespace accessvdb::internal {
