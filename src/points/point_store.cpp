@@ -35,10 +35,10 @@ constexpr float kViewpointSpacing_m = 0.10f;
 
 }  // namespace
 
-PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz)
+PointStore::PointStore(const FieldParams& resolved, kernels::DirectionTable directions)
     : params_(resolved),
-      direction_xy_(std::move(direction_xy)),
-      axes_xyz_(std::move(axes_xyz)),
+      direction_xy_(std::move(directions.xy)),
+      axes_xyz_(std::move(directions.axes_xyz)),
       num_directions_(axes_xyz_.empty() ? direction_xy_.size() / 2 : axes_xyz_.size() / 3),
       inverse_voxel_size_(kernels::VoxelScale(resolved.tsdf.voxel_size_m).inverse_float32),
       words_(static_cast<int>((num_directions_ + 63) / 64)) {}

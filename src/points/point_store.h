@@ -15,6 +15,7 @@
 
 #include "accessvdb/params.h"
 #include "hostdev/views.h"
+#include "launch/direction_table.h"
 #include "launch/point_delta.h"
 #include "points/surface_index.h"
 
@@ -58,8 +59,7 @@ struct StoredPoint {
 
 class PointStore {
  public:
-  /// @param direction_xy  [2 D] yaw directions, as in DirectionTable  @param axes_xyz  [3 D] any others, instead
-  PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz = {});
+  PointStore(const FieldParams& resolved, kernels::DirectionTable directions);
 
   [[nodiscard]] int numDirections() const { return static_cast<int>(num_directions_); }
   /// Of seen directions, per point.

@@ -56,8 +56,8 @@ class PointStoreSums : public testing::TestWithParam<bool> {};
 TEST_P(PointStoreSums, EqualPlainSums) {
   const double v = 0.05;
   const FieldParams params = pointParams(v, 180);
-  const std::vector<float> xy = directionTable(180);
-  PointStore store(params, xy);
+  const std::vector<float> xy = directionTable(180).xy;
+  PointStore store(params, {xy, {}});
   struct Plain {
     Eigen::Vector3f first;
     Eigen::Vector3d sum = Eigen::Vector3d::Zero(), sensor = Eigen::Vector3d::Zero();

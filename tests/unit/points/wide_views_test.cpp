@@ -19,11 +19,11 @@ constexpr std::size_t kSlice = 250;
 class WideAndNarrow {
  public:
   WideAndNarrow(test::Random& random, std::size_t directions)
-      : params_(test::pointParams(0.05)), wide_(params_, {}, axesOf(random, directions)) {
+      : params_(test::pointParams(0.05)), wide_(params_, {{}, axesOf(random, directions)}) {
     for (std::size_t first = 0; first < directions; first += kSlice) {
       const auto begin = axes_.begin() + static_cast<std::ptrdiff_t>(3 * first);
       const auto end = axes_.begin() + static_cast<std::ptrdiff_t>(3 * std::min(first + kSlice, directions));
-      slices_.emplace_back(params_, std::vector<float>(), std::vector<float>(begin, end));
+      slices_.emplace_back(params_, kernels::DirectionTable{{}, {begin, end}});
     }
   }
   void add(const std::vector<Eigen::Vector3f>& p, const std::vector<Eigen::Vector3f>& q) {
@@ -67,7 +67,7 @@ class WideAndNarrow {
     return changes;
   }
   [[nodiscard]] const PointStore& wide() const { return wide_; }
-  [[nodiscard]] PointStore fresh() const { return PointStore(params_, {}, axes_); }
+  [[nodiscard]] PointStore fresh() const { return PointStore(params_, {{}, axes_}); }
 
  private:
   const std::vector<float>& axesOf(test::Random& random, std::size_t directions) {
