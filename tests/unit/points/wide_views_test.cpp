@@ -116,10 +116,10 @@ TEST(WideViews, AreThoseOfTheSlices) {
     std::vector<StoredPoint> stored;
     for (const std::uint32_t id : ids) stored.push_back(stores.wide().stored(id));
     ASSERT_TRUE(again.restore(stored));
-    for (const std::uint32_t id : ids) EXPECT_EQ(again.stored(id).wide_seen, stored[id].wide_seen);
+    for (const std::uint32_t id : ids) EXPECT_EQ(again.stored(id).seen.wide, stored[id].seen.wide);
     // A direction beyond the set, or too few words, is no point of such a store.
-    if (directions % 64 != 0) stored[5].wide_seen.back() |= std::uint64_t{1} << 63;
-    if (directions % 64 == 0) stored[5].wide_seen.pop_back();
+    if (directions % 64 != 0) stored[5].seen.wide.back() |= std::uint64_t{1} << 63;
+    if (directions % 64 == 0) stored[5].seen.wide.pop_back();
     PointStore refusing = stores.fresh();
     EXPECT_FALSE(refusing.restore(stored));
   }
