@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "field/reached_leaves.h"
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -5,14 +5,7 @@
 #include <cmath>
 
 #include "hostdev/surface_normal.h"
-
-// No standard library code inside the regions: an inline function compiled there could end up being used everywhere.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define ACCESSVDB_X86_KERNELS 1
-#include <immintrin.h>
-#else
-#define ACCESSVDB_X86_KERNELS 0
-#endif
+#include "processor/x86_kernels.h"
 
 #if ACCESSVDB_X86_KERNELS
 #pragma GCC push_options
@@ -159,15 +152,12 @@ constexpr NearKernels kAvx2 = {"avx2",
 
 }  // namespace
 
-NearKernelList runnableNearKernels() {
+KernelList<NearKernels> runnableNearKernels() {
 #if ACCESSVDB_X86_KERNELS
-  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
-  const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-  if (avx512) return {{&kAvx512, &kAvx2, &kPlain}, 3};
-  if (avx2) return {{&kAvx2, &kPlain, nullptr}, 2};
-#endif
+  return runnableKernels(kAvx512, kAvx2, kPlain);
+#else
   return {{&kPlain, nullptr, nullptr}, 1};
+#endif
 }
 
 const NearKernels& nearKernels() {

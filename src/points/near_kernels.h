@@ -11,6 +11,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "processor/kernel_list.h"
+
 namespace accessvdb::internal {
 
 /// Bound on the relative error of a squared distance in float32: three roundings per term and two sums, 5 x 2^-24.
@@ -71,11 +73,7 @@ struct NearKernels {
 /// The best set for this machine.
 const NearKernels& nearKernels();
 /// All sets that run on this machine, best first.
-struct NearKernelList {
-  const NearKernels* kernels[3];
-  int count;
-};
-NearKernelList runnableNearKernels();
+KernelList<NearKernels> runnableNearKernels();
 
 // Inline: called once per position.
 

@@ -6,7 +6,7 @@
 #include <bit>
 #include <cmath>
 
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -172,7 +172,7 @@ double NearestPoints::nth(std::size_t n, double most, std::size_t within) const 
   return most;
 }
 
-/// Of several points at the same distance, the lower ids are nearer.
+/// Points with lower ids are nearer than others at the same distance.
 /// @param squared  their squared distance  @param more  how many of them no longer count
 void NearestPoints::dropFarthest(double squared, std::size_t more) {
   std::size_t ties = 0;

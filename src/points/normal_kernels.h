@@ -4,10 +4,10 @@
 /// All give the bits of hostdev/surface_normal.h, whose rule they run.
 #pragma once
 
-#include <array>
 #include <cstddef>
 
 #include "hostdev/surface_normal.h"
+#include "processor/kernel_list.h"
 
 namespace accessvdb::internal {
 
@@ -20,10 +20,6 @@ struct NormalKernels {
 /// The best set for this machine.
 const NormalKernels& normalKernels();
 /// All sets that run on this machine, best first.
-struct NormalKernelList {
-  std::array<const NormalKernels*, 3> kernels;
-  int count;
-};
-NormalKernelList runnableNormalKernels();
+KernelList<NormalKernels> runnableNormalKernels();
 
 }  // namespace accessvdb::internal

@@ -7,18 +7,15 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cmath>
 #include <limits>
 #include <tuple>
 
-#include "hostdev/direction_mask.h"
 #include "hostdev/position_voxel.h"
 #include "hostdev/voxel_scale.h"
-#include "points/bits_of_bytes.h"
-#include "points/prefetch.h"
 #include "points/radix_sort.h"
+#include "processor/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -30,18 +27,13 @@ constexpr std::size_t kMostSortedByOne = std::size_t{1} << 17;
 constexpr std::size_t kPointsAhead = 6;
 constexpr double kOffsetSteps = 1 << 20;  // per voxel
 constexpr double kSensorSteps = 1 << 16;  // per metre
-/// Viewpoints nearer than this to a stored one are not stored (docs/PAPER_MAP.md, "Surface points").
-constexpr float kViewpointSpacing_m = 0.10f;
 
 }  // namespace
 
-PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz)
+PointStore::PointStore(const FieldParams& resolved, kernels::DirectionTable directions)
     : params_(resolved),
-      direction_xy_(std::move(direction_xy)),
-      axes_xyz_(std::move(axes_xyz)),
-      num_directions_(axes_xyz_.empty() ? direction_xy_.size() / 2 : axes_xyz_.size() / 3),
       inverse_voxel_size_(kernels::VoxelScale(resolved.tsdf.voxel_size_m).inverse_float32),
-      words_(static_cast<int>((num_directions_ + 63) / 64)) {}
+      seen_(resolved.approach, std::move(directions)) {}
 
 Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   const auto ijk = kernels::voxelOf(p_L.x(), p_L.y(), p_L.z(), inverse_voxel_size_);
@@ -126,30 +118,21 @@ void PointStore::makeRoom() {
   first_L_.growRaw(size);
   pca_L_.growRaw(size);
   sums_.growRaw(size);
-  if (params_.approach.viewpoints) {
-    viewpoints_.growRaw(size);
-  } else {
-    seen_.growRaw(size * static_cast<std::size_t>(words_));
-  }
+  seen_.inItsForm([size](auto& seen) { seen.grow(size); });
 }
 
-/// Initialises a new point, before its first return is added.
+/// Initialises a new point, except its seen directions, before its first return is added.
 void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
   first_L_[id] = first_L;
   pca_L_[id] = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
   sums_[id] = {};
-  if (params_.approach.viewpoints) {
-    viewpoints_[id] = {};
-  } else {
-    for (int w = 0; w < words_; ++w) seen_[seenAt(id) + static_cast<std::size_t>(w)] = 0;
-  }
 }
 
 void PointStore::prefetch(std::uint32_t id) const {
   prefetchRead(&first_L_[id]);
   prefetchRead(&pca_L_[id]);
   prefetchRead(&sums_[id], sizeof(ReturnSums));
-  if (!params_.approach.viewpoints) prefetchRead(&seen_[seenAt(id)]);
+  seen_.prefetch(id);
 }
 
 const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L,
@@ -160,66 +143,45 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
   const std::uint32_t before = size();
   addNew();
   makeRoom();
-  // With viewpoints, poses are stored once: one per scan, or one per ray for ray clouds.
-  const auto first_pose = static_cast<std::uint32_t>(poses_.size());
-  if (params_.approach.viewpoints) {
-    for (const Eigen::Vector3f& q : q_L) poses_.push_back(q);
-  }
-
   touched.before_L.resize(groups.size());
   touched.views_changed.assign(groups.size(), 0);
   touched.deltas.resize(describe_touched_ ? groups.size() : 0);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
-    for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      const std::uint32_t id = touched.all[g];
-      if (g + kPointsAhead < range.end()) prefetch(touched.all[g + kPointsAhead]);
-      if (id >= before) start(id, p_L[groups.first(g).index]);
-      touched.before_L[g] = pca_L_[id];
-      for (std::uint32_t m = groups.begin[g]; m < groups.begin[g + 1]; ++m) {
-        const std::uint32_t i = groups.returns[m].index, sensor = q_L.size() == 1 ? 0 : i;
-        if (addToPoint(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
+  seen_.inItsForm([&](auto& seen) {
+    const std::uint32_t first_pose = seen.addPoses(q_L);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
+      for (std::size_t g = range.begin(); g != range.end(); ++g) {
+        const std::uint32_t id = touched.all[g];
+        if (g + kPointsAhead < range.end()) prefetch(touched.all[g + kPointsAhead]);
+        if (id >= before) {
+          start(id, p_L[groups.first(g).index]);
+          seen.clear(id);
+        }
+        touched.before_L[g] = pca_L_[id];
+        for (std::uint32_t m = groups.begin[g]; m < groups.begin[g + 1]; ++m) {
+          const std::uint32_t i = groups.returns[m].index, sensor = q_L.size() == 1 ? 0 : i;
+          addToSums(id, p_L[i], q_L[sensor]);
+          if (seen.add(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
+        }
+        refreshMean(id);
+        if (describe_touched_) touched.deltas[g] = deltaOf(id, touched.before_L[g]);
       }
-      refreshMean(id);
-      if (describe_touched_) touched.deltas[g] = deltaOf(id, touched.before_L[g]);
-    }
+    });
   });
   return touched;
 }
 
-bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L,
-                            std::uint32_t pose) {
+void PointStore::addToSums(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) {
   const Index3 voxel = voxelOf(p_L);
   ReturnSums& sums = sums_[id];
-  if (sums.returns != std::numeric_limits<std::uint32_t>::max()) {  // else one more does not move the mean
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
-      const auto a = static_cast<Eigen::Index>(axis);
-      sums.offset[axis] +=
-          std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
-      sums.sensor[axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
-    }
-    ++sums.returns;
+  if (sums.returns == std::numeric_limits<std::uint32_t>::max()) return;  // one more does not move the mean
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
+    const auto a = static_cast<Eigen::Index>(axis);
+    sums.offset[axis] +=
+        std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
+    sums.sensor[axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
   }
-  if (isWide()) return addWideTowards(id, p_L, q_L);
-  if (!params_.approach.viewpoints) return addSeen(id, directionsTowards(p_L, q_L).word);
-  Viewpoints& views = viewpoints_[id];
-  if (views.count == Viewpoints::kMost) return false;
-  for (std::uint32_t n = 0; n < views.count; ++n) {
-    if ((poses_[views.pose[n]] - q_L).norm() < kViewpointSpacing_m) return false;
-  }
-  views.pose[views.count++] = pose;
-  return true;
-}
-
-/// @param words  words_ of them, or more
-bool PointStore::addSeen(std::uint32_t id, std::span<const std::uint64_t> words) {
-  std::uint64_t gained = 0;
-  for (std::size_t w = 0; w < static_cast<std::size_t>(words_); ++w) {
-    std::uint64_t& word = seen_[seenAt(id) + w];
-    gained |= words[w] & ~word;
-    word |= words[w];
-  }
-  return gained != 0;
+  ++sums.returns;
 }
 
 void PointStore::refreshMean(std::uint32_t id) {
@@ -245,44 +207,6 @@ Eigen::Vector3d PointStore::meanSensor_L(std::uint32_t id) const {
   return mean;
 }
 
-DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const {
-  DirectionMask mask = {};
-  const float dx = to_L.x() - from_L.x(), dy = to_L.y() - from_L.y(), dz = to_L.z() - from_L.z();
-  const float length = std::sqrt(dx * dx + dy * dy + dz * dz);
-  if (!(length > 0)) return mask;
-  const float ux = dx / length, uy = dy / length;
-  const auto least = static_cast<float>(params_.approach.observation_cos_min);
-  // First one byte per direction, which vectorises; then eight bytes of 0 or 1 become eight bits at a time.
-  std::array<std::uint8_t, 64 * kernels::kMaxDirectionWords> within = {};
-  const std::size_t count = num_directions_;
-  if (axes_xyz_.empty()) {
-    const float* const xy = direction_xy_.data();
-    for (std::size_t d = 0; d < count; ++d) within[d] = ux * xy[2 * d] + uy * xy[2 * d + 1] > least ? 1 : 0;
-  } else {
-    const float uz = dz / length;
-    const float* const a = axes_xyz_.data();
-    for (std::size_t d = 0; d < count; ++d) {
-      within[d] = ux * a[3 * d] + uy * a[3 * d + 1] + uz * a[3 * d + 2] > least ? 1 : 0;
-    }
-  }
-  for (std::size_t d = 0; d < count; d += 8) {
-    mask.word[d / 64] |= bitsOfBytes(within.data() + d) << d % 64;
-  }
-  return mask;
-}
-
-DirectionMask PointStore::seen(std::uint32_t id) const {
-  DirectionMask mask = {};
-  if (isWide()) return mask;
-  if (!params_.approach.viewpoints) {
-    for (int w = 0; w < words_; ++w) mask.word[w] = seen_[seenAt(id) + static_cast<std::size_t>(w)];
-    return mask;
-  }
-  const Viewpoints& views = viewpoints_[id];
-  for (std::uint32_t n = 0; n < views.count; ++n) mask = mask | directionsTowards(first_L_[id], poses_[views.pose[n]]);
-  return mask;
-}
-
 kernels::PointDelta PointStore::deltaOf(std::uint32_t id, const Eigen::Vector3f& before_L) const {
   const auto copy3 = [](const Eigen::Vector3f& from, float* to) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
@@ -298,21 +222,10 @@ kernels::PointDelta PointStore::deltaOf(std::uint32_t id, const Eigen::Vector3f&
   return delta;
 }
 
-StoredPoint PointStore::stored(std::uint32_t id) const {
-  StoredPoint point = {first_L_[id], sums_[id], {}, {}, {}};
-  if (params_.approach.viewpoints) {
-    point.views = viewpoints_[id];
-  } else if (isWide()) {
-    point.wide_seen.assign(static_cast<std::size_t>(words_), 0);
-    joinSeen(id, point.wide_seen);
-  } else {
-    point.seen = seen(id);
-  }
-  return point;
-}
+StoredPoint PointStore::stored(std::uint32_t id) const { return {first_L_[id], sums_[id], seen_.stored(id)}; }
 
 void PointStore::restorePoses(std::span<const Eigen::Vector3f> poses_L) {
-  for (const Eigen::Vector3f& q_L : poses_L) poses_.push_back(q_L);
+  seen_.inItsForm([poses_L](auto& seen) { seen.addPoses(poses_L); });
 }
 
 /// Whether addReturns() could have made this point.
@@ -326,23 +239,7 @@ bool PointStore::canBe(const StoredPoint& point) const {
     if (!(std::abs(static_cast<double>(point.sums.offset[axis])) <= returns * kOffsetSteps)) return false;
     if (!(std::abs(static_cast<double>(point.sums.sensor[axis])) <= returns * bound_m * kSensorSteps)) return false;
   }
-  if (params_.approach.viewpoints) {
-    if (point.views.count > Viewpoints::kMost) return false;
-    for (std::uint32_t n = 0; n < point.views.count; ++n) {
-      if (point.views.pose[n] >= poses_.size()) return false;
-    }
-    return true;
-  }
-  if (isWide()) {
-    const auto unused = static_cast<int>(64 * static_cast<std::size_t>(words_) - num_directions_);  // of the last word
-    return point.wide_seen.size() == static_cast<std::size_t>(words_) &&
-           (unused == 0 || point.wide_seen.back() >> (64 - unused) == 0);
-  }
-  const DirectionMask all = kernels::allDirections(static_cast<int>(num_directions_));
-  for (int w = 0; w < words_; ++w) {
-    if ((point.seen.word[w] & ~all.word[w]) != 0) return false;
-  }
-  return true;
+  return seen_.canBe(point.seen);
 }
 
 bool PointStore::restore(std::span<const StoredPoint> points) {
@@ -376,20 +273,17 @@ bool PointStore::restore(std::span<const StoredPoint> points) {
   index_.insertAll(added_);
   block_.growRaw(before + points.size());
   makeRoom();
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      block_[added_[n].id] = added_[n].block;
-      const auto id = static_cast<std::uint32_t>(before + n);
-      const StoredPoint& point = points[n];
-      start(id, point.first_L);
-      sums_[id] = point.sums;
-      if (params_.approach.viewpoints) {
-        viewpoints_[id] = point.views;
-      } else {
-        addSeen(id, isWide() ? std::span<const std::uint64_t>(point.wide_seen) : point.seen.word);
+  seen_.inItsForm([&](auto& seen) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        block_[added_[n].id] = added_[n].block;
+        const auto id = static_cast<std::uint32_t>(before + n);
+        start(id, points[n].first_L);
+        sums_[id] = points[n].sums;
+        seen.restore(id, points[n].seen);
+        refreshMean(id);
       }
-      refreshMean(id);
-    }
+    });
   });
   return true;
 }
@@ -397,10 +291,9 @@ bool PointStore::restore(std::span<const StoredPoint> points) {
 std::uint64_t PointStore::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
-         viewpoints_.bytes() + poses_.bytes() + bytesOf(touched_.all) + bytesOf(touched_.before_L) +
-         bytesOf(touched_.views_changed) + bytesOf(touched_.deltas) + bytesOf(touched_.changed_blocks) +
-         bytesOf(groups_.returns) + bytesOf(groups_.spare) + bytesOf(groups_.begin) + bytesOf(voxels_) +
-         bytesOf(places_) + bytesOf(added_);
+         bytesOf(touched_.all) + bytesOf(touched_.before_L) + bytesOf(touched_.views_changed) +
+         bytesOf(touched_.deltas) + bytesOf(touched_.changed_blocks) + bytesOf(groups_.returns) +
+         bytesOf(groups_.spare) + bytesOf(groups_.begin) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_);
 }
 
 }  // namespace accessvdb::internal

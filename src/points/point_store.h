@@ -14,20 +14,11 @@
 #include <vector>
 
 #include "accessvdb/params.h"
-#include "hostdev/views.h"
 #include "launch/point_delta.h"
+#include "points/seen_directions.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
-
-using kernels::DirectionMask;
-
-/// Up to eight sensor positions that saw a point (paper profile).
-struct Viewpoints {
-  static constexpr int kMost = 8;
-  std::array<std::uint32_t, kMost> pose = {};  ///< indices into PointStore::poses()
-  std::uint32_t count = 0;
-};
 
 /// Points that a scan touched, in the order of their voxels (placeOf).
 struct TouchedPoints {
@@ -51,22 +42,19 @@ struct ReturnSums {
 struct StoredPoint {
   Eigen::Vector3f first_L;
   ReturnSums sums;
-  DirectionMask seen;                    ///< its own; without viewpoints
-  Viewpoints views;                      ///< with viewpoints
-  std::vector<std::uint64_t> wide_seen;  ///< in place of `seen` for a wide set (kernels::isWide); empty otherwise
+  StoredSeen seen;  ///< its own
 };
 
 class PointStore {
  public:
-  /// @param direction_xy  [2 D] yaw directions, as in DirectionTable  @param axes_xyz  [3 D] any others, instead
-  PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz = {});
+  PointStore(const FieldParams& resolved, kernels::DirectionTable directions);
 
-  [[nodiscard]] int numDirections() const { return static_cast<int>(num_directions_); }
-  /// Of seen directions, per point.
-  [[nodiscard]] int directionWords() const { return words_; }
+  [[nodiscard]] int numDirections() const { return seen_.numDirections(); }
+  /// Words of seen directions, per point.
+  [[nodiscard]] int directionWords() const { return seen_.directionWords(); }
   /// Whether there are more directions than a DirectionMask holds. All masks of points are then empty, and joinSeen()
   /// has what they were seen from.
-  [[nodiscard]] bool isWide() const { return kernels::isWide(numDirections()); }
+  [[nodiscard]] bool isWide() const { return seen_.isWide(); }
 
   /// Whether addReturns() describes touched points for a backend that keeps them itself. This is cheaper while all
   /// threads are already working on the points than later.
@@ -77,9 +65,9 @@ class PointStore {
 
   [[nodiscard]] std::uint32_t size() const { return static_cast<std::uint32_t>(first_L_.size()); }
   [[nodiscard]] const SurfaceIndex& index() const { return index_; }
-  /// Of a stored position.
+  /// Voxel of a stored position.
   [[nodiscard]] Index3 voxelOf(const Eigen::Vector3f& p_L) const;
-  /// Of any position within kFarthestVoxel.
+  /// Voxel of any position within kFarthestVoxel.
   [[nodiscard]] Index3 voxelOf(const Eigen::Vector3d& p_L) const;
 
   /// Prefetches what is known of a point: it is scattered in memory.
@@ -95,13 +83,13 @@ class PointStore {
     return (meanSensor_L(id) - first_L_[id].cast<double>()).cast<float>();
   }
   /// Directions that the point itself was seen from: the stored mask, or computed from its viewpoints.
-  [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
-  /// Adds the stored directions of a point, of a set of any size. @param words  [directionWords()]
-  void joinSeen(std::uint32_t id, std::span<std::uint64_t> words) const;
+  [[nodiscard]] DirectionMask seen(std::uint32_t id) const { return seen_.mask(id, first_L_[id]); }
+  /// Adds the directions of a point, of a set of any size. @param words  [directionWords()]
+  void joinSeen(std::uint32_t id, std::span<std::uint64_t> words) const { seen_.join(id, first_L_[id], words); }
   /// A point in its current state. @param before_L  see kernels::PointDelta
   [[nodiscard]] kernels::PointDelta deltaOf(std::uint32_t id, const Eigen::Vector3f& before_L) const;
-  [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
-  [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return poses_; }
+  /// Distinct sensor positions, with viewpoints only.
+  [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return seen_.poses(); }
 
   [[nodiscard]] StoredPoint stored(std::uint32_t id) const;
   /// Appends sensor positions and points of a saved store, in the order of their ids; any number at a time.
@@ -131,29 +119,17 @@ class PointStore {
   void addNew();
   void makeRoom();
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
-  /// @return true if its seen directions changed
-  bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
-  bool addSeen(std::uint32_t id, std::span<const std::uint64_t> words);
-  [[nodiscard]] std::size_t seenAt(std::uint32_t id) const {
-    return std::size_t{id} * static_cast<std::size_t>(words_);
-  }
-  [[nodiscard]] DirectionMask directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const;
-  bool addWideTowards(std::uint32_t id, const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L);
+  void addToSums(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L);
   void refreshMean(std::uint32_t id);
 
   FieldParams params_;
-  std::vector<float> direction_xy_, axes_xyz_;  ///< one of them is empty
-  std::size_t num_directions_;
   float inverse_voxel_size_;
-  int words_;
   bool describe_touched_ = false;
   SurfaceIndex index_;
   ChunkedArray<std::uint32_t> block_;
   ChunkedArray<Eigen::Vector3f> first_L_, pca_L_;
-  ChunkedArray<ReturnSums> sums_;        ///< zeroed by start()
-  ChunkedArray<std::uint64_t> seen_;     ///< [words n]; empty with viewpoints
-  ChunkedArray<Viewpoints> viewpoints_;  ///< empty without viewpoints
-  ChunkedArray<Eigen::Vector3f> poses_;  ///< distinct sensor positions, with viewpoints only
+  ChunkedArray<ReturnSums> sums_;  ///< zeroed by start()
+  SeenDirections seen_;
   // For one scan; kept, because freshly allocated memory has to be cleared by the system first.
   ReturnGroups groups_;
   TouchedPoints touched_;

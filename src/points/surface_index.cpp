@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <atomic>
 
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -8,6 +8,8 @@
 #include <limits>
 #include <string>
 
+#include "tool/split_mix.h"
+
 namespace accessvdb {
 namespace {
 
@@ -54,18 +56,12 @@ constexpr double kReachVoxels = 0.25;
 // Makes truncation of a coordinate a floor, for every coordinate that the map can hold.
 constexpr double kOffset = 1099511627776.0;  // 2^40
 
-std::uint64_t mix(std::uint64_t x) {  // finaliser of splitmix64
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
-  return x ^ (x >> 31);
-}
-
 std::int64_t cell(double x) { return static_cast<std::int64_t>(x + kOffset); }
 
 std::uint64_t hashOf(std::int64_t x, std::int64_t y, std::int64_t z) {
-  return mix(static_cast<std::uint64_t>(x) * 0x9e3779b97f4a7c15ULL +
-             static_cast<std::uint64_t>(y) * 0xc2b2ae3d27d4eb4fULL +
-             static_cast<std::uint64_t>(z) * 0x165667b19e3779f9ULL);
+  return internal::mixedBits(static_cast<std::uint64_t>(x) * 0x9e3779b97f4a7c15ULL +
+                             static_cast<std::uint64_t>(y) * 0xc2b2ae3d27d4eb4fULL +
+                             static_cast<std::uint64_t>(z) * 0x165667b19e3779f9ULL);
 }
 
 std::optional<std::uint64_t> readNumber(const char* path) {
@@ -121,8 +117,8 @@ namespace {
 int rememberedOf(const FieldParams& params) {
   const bool remembered = params.update.policy == UpdatePolicy::Exact && params.backend != BackendKind::Cuda;
   const int directions = params.approach.directionCount();
-  // Of more directions than a mask has, a point has two bits each and nothing else; one of the two is in an array that
-  // grows by a quarter.
+  // With more directions than a mask has, a point has two bits each and nothing else; one of the two is in an array
+  // that grows by a quarter.
   constexpr double kBitsEach = 2.25;
   if (directions > OrientationSet::kMostRemembered) {
     return static_cast<int>(directions * kBitsEach / 8 / kRememberedDirectionBytes);

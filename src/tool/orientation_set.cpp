@@ -54,7 +54,7 @@ void addRing(const Ring& ring, std::vector<ToolOrientation>& out) {
   for (int d = 0; d < ring.count; ++d) {
     const CosSin yaw = internal::yawDirection(d, ring.count);
     // As files have recorded yaw from the start, up to its last bit.
-    const double yaw_rad = 2 * 3.141592653589793 * d / ring.count;
+    const double yaw_rad = 2 * std::numbers::pi * d / ring.count;
     out.push_back({rotation(yaw, ring.pitch, {1, 0}), yaw_rad, ring.pitch_rad, 0});
   }
 }
@@ -170,7 +170,7 @@ void requireRange(const OrientationSet& set, int num_directions) {
   }
 }
 
-/// Of a list's rotations, so that two lists of the same length can be told apart. FNV-1a, 64 bits.
+/// Hash of a list's rotations, which tells two lists of the same length apart. FNV-1a, 64 bits.
 std::string hashOf(const std::vector<ToolOrientation>& list) {
   std::uint64_t hash = 0xcbf29ce484222325ull;
   for (const ToolOrientation& orientation : list) {

@@ -6,20 +6,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tool/split_mix.h"
+
 namespace accessvdb::internal {
 namespace {
-
-/// splitmix64 (public domain, S. Vigna). The standard distributions differ between libraries; this does not.
-struct Generator {
-  std::uint64_t state;
-
-  double uniform() {  ///< [0, 1), 53 bits
-    std::uint64_t z = (state += 0x9e3779b97f4a7c15u);
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return double((z ^ (z >> 31)) >> 11) * 0x1p-53;
-  }
-};
 
 constexpr std::uint64_t kSeed = 20240131;
 
@@ -38,7 +28,7 @@ std::vector<Eigen::Vector3d> sampleSurface(const std::vector<Eigen::Vector3f>& v
   std::vector<Eigen::Vector3d> samples;
   if (!(area > 0)) return samples;
   samples.reserve(std::size_t(count));
-  Generator generator{kSeed};
+  SplitMix generator{kSeed};
   for (int n = 0; n < count; ++n) {
     const double target = generator.uniform() * area;
     const auto found = std::upper_bound(area_up_to.begin(), area_up_to.end() - 1, target) - area_up_to.begin();

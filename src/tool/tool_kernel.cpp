@@ -138,46 +138,7 @@ std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resol
                                                             std::numeric_limits<std::uint32_t>::max()));
 }
 
-/// Some of a set's orientations. Of yaw, those of a set with fewer.
-std::vector<ToolOrientation> sampledOrientations(const ApproachParams& approach, int sampled) {
-  if (approach.orientations.isYaw()) {
-    // OrientationSet has 4 yaw directions at least.
-    std::vector<ToolOrientation> few;
-    for (int d = 0; d < sampled; ++d) few.push_back(orientationOf(360.0 * d / sampled, 0, 0));
-    return sampled < 4 ? few : approach.orientations.orientations(sampled);
-  }
-  const std::vector<ToolOrientation> all = approach.orientations.orientations(approach.num_directions);
-  if (static_cast<std::size_t>(sampled) >= all.size()) return all;
-  std::vector<ToolOrientation> some;
-  for (int n = 0; n < sampled; ++n) {
-    some.push_back(all[(2 * static_cast<std::size_t>(n) + 1) * all.size() / (2 * static_cast<std::size_t>(sampled))]);
-  }
-  return some;
-}
-
 }  // namespace
-
-DirectionTable DirectionTable::make(const ApproachParams& resolved) {
-  if (resolved.orientations.isYaw()) return make(resolved.num_directions);
-  DirectionTable table;
-  for (const ToolOrientation& orientation : resolved.orientations.orientations(resolved.num_directions)) {
-    for (Eigen::Index axis = 0; axis < 3; ++axis) {
-      table.axes_xyz.push_back(static_cast<float>(orientation.R_WT(axis, 0)) + 0.0f);  // never -0
-    }
-  }
-  return table;
-}
-
-DirectionTable DirectionTable::make(int num_directions) {
-  DirectionTable table;
-  table.xy.reserve(2 * std::size_t(num_directions));
-  for (int d = 0; d < num_directions; ++d) {
-    const CosSin yaw = yawDirection(d, num_directions);
-    table.xy.push_back(float(yaw.cos));
-    table.xy.push_back(float(yaw.sin));
-  }
-  return table;
-}
 
 kernels::ToolKernelView ToolKernel::view() const {
   return {columns.data(),
@@ -192,12 +153,11 @@ kernels::ToolKernelView ToolKernel::view() const {
 
 namespace {
 
-/// @param sampled  orientations, at most
-ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int sampled, const ToolRolls& rolls,
+/// @param all_directions  as many as the set has; the orientations may be some of them
+ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved,
+                      const std::vector<ToolOrientation>& orientations, int all_directions, const ToolRolls& rolls,
                       OrientationCount& count) {
   const double v = resolved.tsdf.voxel_size_m, exclusion = resolved.scoring.self_exclusion_voxels;
-  const int all_directions = resolved.approach.directionCount();
-  const std::vector<ToolOrientation> orientations = sampledOrientations(resolved.approach, sampled);
   const auto num_directions = static_cast<int>(orientations.size());
   const auto D = std::size_t(num_directions);
   const double span_voxels =
@@ -323,29 +283,28 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int
 
 }  // namespace
 
-ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved, const TableProgress& progress) {
-  const ApproachParams& approach = resolved.approach;
+ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved,
+                            const ExpandedOrientations& orientations, const TableProgress& progress) {
   const bool by_rule = resolved.scoring.max_collisions == 0 && resolved.scoring.form != ToolForm::SurfaceSamples;
-  const bool counts_yaw = by_rule && !approach.orientations.isYaw();  // of yaw, voxel_count is without roll
-  const ToolRolls rolls = toolRolls(tool, approach);
-  const int directions = approach.directionCount();
-  OrientationCount count(progress, std::size_t(directions) * std::size_t(rolls.count) +
-                                       (counts_yaw ? std::size_t(approach.num_directions) : 0));
-  ToolKernel kernel = makeKernel(tool, resolved, directions, rolls, count);
+  const bool counts_yaw = by_rule && !orientations.is_yaw;  // of yaw, voxel_count is without roll
+  const ToolRolls rolls = toolRolls(tool, resolved.approach);
+  OrientationCount count(progress, orientations.all.size() * std::size_t(rolls.count) +
+                                       (counts_yaw ? std::size_t(resolved.approach.num_directions) : 0));
+  ToolKernel kernel = makeKernel(tool, resolved, orientations.all, orientations.count(), rolls, count);
   if (counts_yaw) kernel.collision_limit = limitByRule(fewestYawVoxels(tool, resolved, count));
   return kernel;
 }
 
-ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled) {
+ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& resolved, const ExpandedOrientations& all,
+                               int most) {
   const TableProgress nobody;
   OrientationCount count(nobody, 0);
-  return makeKernel(tool, resolved, sampled, toolRolls(tool, resolved.approach), count);
+  return makeKernel(tool, resolved, all.sampled(most).all, all.count(), toolRolls(tool, resolved.approach), count);
 }
 
 double largestHiddenShare(const ToolGeometry& tool, const FieldParams& resolved) {
   const ToolRolls rolls = toolRolls(tool, resolved.approach);
-  const std::vector<ToolOrientation> orientations =
-      resolved.approach.orientations.orientations(resolved.approach.num_directions);
+  const std::vector<ToolOrientation> orientations = ExpandedOrientations::of(resolved.approach).all;
   const ToolSolid solid(tool);
   const double v = resolved.tsdf.voxel_size_m;
   const auto R = std::size_t(rolls.count);

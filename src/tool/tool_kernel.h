@@ -11,17 +11,10 @@
 #include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
 #include "hostdev/views.h"
+#include "tool/expanded_orientations.h"
 #include "tool/tool_rolls.h"
 
 namespace accessvdb::internal {
-
-/// Axes of the orientations, computed in double and rounded once. One of the two is empty.
-struct DirectionTable {
-  std::vector<float> xy;        ///< [2 D] of yaw: a_d = (cos, sin)(2 pi d / D)
-  std::vector<float> axes_xyz;  ///< [3 D] of any other set
-  static DirectionTable make(int num_directions);
-  static DirectionTable make(const ApproachParams& resolved);
-};
 
 /// Host-side tables behind a ToolKernelView.
 struct ToolKernel {
@@ -52,11 +45,16 @@ struct ToolKernel {
   /// rule 5. Makes both forms where useful (the voxel form always, for sizes and footprints). Parallel over
   /// orientations.
   /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
-  static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved, const TableProgress& progress = {});
-  /// The same for at most `sampled` of the orientations, evenly spread, in place of all: to estimate the memory for
-  /// all. The collision limit is not that of all.
+  static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved,
+                         const ExpandedOrientations& orientations, const TableProgress& progress = {});
+  static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved, const TableProgress& progress = {}) {
+    return make(tool, resolved, ExpandedOrientations::of(resolved.approach), progress);
+  }
+  /// The same for some of the orientations, in place of all: to estimate the memory for all. The collision limit is not
+  /// that of all.
   /// @throws ResourceLimit as make(), as far as these directions show
-  static ToolKernel sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled);
+  static ToolKernel sampled(const ToolGeometry& tool, const FieldParams& resolved, const ExpandedOrientations& all,
+                            int most);
 };
 
 /// ToolKernel::hidden_share, without the tables.

@@ -46,8 +46,8 @@ void BucketFusion::askForEntry(std::size_t in_bucket) const {
   const LeafPlace place = bucket_leaves_.places[in_bucket];
   const PackedLowerNode* node = nodes_[place.node()];
   if (node == nullptr) return;
-  prefetch(node->getTable() + place.inNode(), sizeof(Entry));
-  prefetch(reinterpret_cast<const std::byte*>(&node->getChildMask()) + place.inNode() / 8, 1);
+  prefetchWrite(node->getTable() + place.inNode(), sizeof(Entry));
+  prefetchWrite(reinterpret_cast<const std::byte*>(&node->getChildMask()) + place.inNode() / 8, 1);
 }
 
 PackedLeaf* BucketFusion::leafOf(std::size_t in_bucket) const {
@@ -55,14 +55,14 @@ PackedLeaf* BucketFusion::leafOf(std::size_t in_bucket) const {
   const PackedLowerNode* node = nodes_[place.node()];
   if (node == nullptr || !node->isChildMaskOn(place.inNode())) return nullptr;
   PackedLeaf* leaf = node->getTable()[place.inNode()].getChild();
-  prefetch(leaf, sizeof(PackedLeaf));
+  prefetchWrite(leaf, sizeof(PackedLeaf));
   return leaf;
 }
 
 /// Where free space ages, most leaves have a record beside their node.
 void BucketFusion::askForRecord(const PackedLeaf* leaf) const {
   if (leaf == nullptr) return;
-  if (const LeafBits* before = map_.beforeOf(*leaf)) prefetch(before, sizeof(AgedLeaf));
+  if (const LeafBits* before = map_.beforeOf(*leaf)) prefetchWrite(before, sizeof(AgedLeaf));
 }
 
 PackedLeaf* BucketFusion::addLeaf(std::size_t in_bucket, BucketResult& result) {
@@ -203,7 +203,7 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
     if (!fusion.accumulate(bucket_leaves_.originOf(g), entries, rays)) continue;
     if (leaf != nullptr) {
       fusion.prefetchValues(*leaf);
-      if (const VoxelVotes* votes = map_.votesOf(*leaf)) prefetch(votes, sizeof(VoxelVotes));
+      if (const VoxelVotes* votes = map_.votesOf(*leaf)) prefetchWrite(votes, sizeof(VoxelVotes));
     }
     waiting_[summed % kWaiting] = {leaf, static_cast<std::uint32_t>(g)};
     ++summed;

@@ -8,8 +8,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "processor/prefetch.h"
 #include "tsdf/packed_map.h"
-#include "tsdf/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -46,9 +46,10 @@ class Turning {
 
   void turn(std::span<const DueLeaf> due) {
     for (std::size_t n = 0; n < due.size(); ++n) {
-      if (n + kLeafAhead < due.size()) prefetch(due[n + kLeafAhead].leaf, sizeof(PackedLeaf));
+      if (n + kLeafAhead < due.size()) prefetchWrite(due[n + kLeafAhead].leaf, sizeof(PackedLeaf));
       if (n + kRecordAhead < due.size()) {
-        if (const LeafBits* before = map_.beforeOf(*due[n + kRecordAhead].leaf)) prefetch(before, sizeof(AgedLeaf));
+        if (const LeafBits* before = map_.beforeOf(*due[n + kRecordAhead].leaf))
+          prefetchWrite(before, sizeof(AgedLeaf));
       }
       turn(*due[n].leaf, due[n].ended);
     }
@@ -102,7 +103,7 @@ std::vector<std::span<const LeafChange>> FreeGenerations::pass(PackedMap& map, d
   std::vector<std::int64_t> ended(nodes.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, nodes.size(), kNodesPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      if (n + kNodeAhead < nodes.size()) prefetch(&nodes[n + kNodeAhead]->origin(), sizeof(openvdb::Coord));
+      if (n + kNodeAhead < nodes.size()) prefetchWrite(&nodes[n + kNodeAhead]->origin(), sizeof(openvdb::Coord));
       const openvdb::Coord& origin = nodes[n]->origin();
       ended[n] =
           generationOf(origin.x(), origin.y(), origin.z()) - generationAt(before_s, origin.x(), origin.y(), origin.z());

@@ -68,7 +68,7 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
       shape_.region == UpdateRegion::DoubleCone ? kernels_.add_double_cone : kernels_.add_full_cube;
   std::size_t since_flush = 0;
   for (std::size_t n = 0; n < entries.size(); ++n) {
-    prefetch(rays + entries.data()[n + kLookAhead].index(), sizeof(ReturnRay));
+    prefetchWrite(rays + entries.data()[n + kLookAhead].index(), sizeof(ReturnRay));
     const LeafEntry entry = entries[n];
     const ReturnRay& ray = rays[entry.index()];
     if (entry.band() && shape_.thinBand()) {

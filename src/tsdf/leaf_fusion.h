@@ -12,9 +12,9 @@
 #include <span>
 
 #include "accessvdb/leaf_change.h"
+#include "processor/prefetch.h"
 #include "tsdf/leaf_kernels.h"
 #include "tsdf/packed_map.h"
-#include "tsdf/prefetch.h"
 #include "tsdf/return_region.h"
 
 namespace accessvdb::internal {

@@ -6,14 +6,9 @@
 #include <bit>
 #include <cmath>
 
-// leaf_kernels_body.h is included once per instruction set, each time in its own namespace with its own lanes. It has
-// no templates: they would be instantiated outside the pragma's scope.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define ACCESSVDB_X86_KERNELS 1
-#include <immintrin.h>
-#else
-#define ACCESSVDB_X86_KERNELS 0
-#endif
+#include "processor/x86_kernels.h"
+
+// leaf_kernels_body.h is included once per instruction set, each time in its own namespace with its own lanes.
 
 #if ACCESSVDB_X86_KERNELS
 #pragma GCC push_options
@@ -59,19 +54,12 @@ constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addNew
 
 }  // namespace
 
-LeafKernelList runnableLeafKernels() {
-  LeafKernelList list = {{&kPlain, nullptr, nullptr}, 1};
+KernelList<LeafKernels> runnableLeafKernels() {
 #if ACCESSVDB_X86_KERNELS
-  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
-  const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-  if (avx512) {
-    list = {{&kAvx512, &kAvx2, &kPlain}, 3};
-  } else if (avx2) {
-    list = {{&kAvx2, &kPlain, nullptr}, 2};
-  }
+  return runnableKernels(kAvx512, kAvx2, kPlain);
+#else
+  return {{&kPlain, nullptr, nullptr}, 1};
 #endif
-  return list;
 }
 
 const LeafKernels& leafKernels() {

@@ -11,6 +11,7 @@
 #include <cstdint>
 
 #include "accessvdb/leaf_change.h"
+#include "processor/kernel_list.h"
 #include "tsdf/new_things.h"
 #include "tsdf/packed_voxel.h"
 #include "tsdf/return_region.h"
@@ -113,10 +114,6 @@ struct LeafKernels {
 /// Best set for this machine.
 const LeafKernels& leafKernels();
 /// All sets that run on this machine, best first.
-struct LeafKernelList {
-  std::array<const LeafKernels*, 3> kernels;
-  int count;
-};
-LeafKernelList runnableLeafKernels();
+KernelList<LeafKernels> runnableLeafKernels();
 
 }  // namespace accessvdb::internal

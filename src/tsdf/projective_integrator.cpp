@@ -11,13 +11,13 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <numbers>
 
 #include "accessvdb/error.h"
 
 namespace accessvdb::internal {
 namespace {
 
-constexpr double kPi = 3.141592653589793;
 /// nvblox's defaults (sensors/lidar.h, commit 2ecd5722), in voxels.
 constexpr float kMostStepBetweenBins = 2.0f, kMostDistanceFromRay = 0.5f;
 /// Bins are cut into pieces of this length on their way through the band, so that their boxes stay small.
@@ -79,8 +79,8 @@ ProjectiveIntegrator::ProjectiveIntegrator(PackedMap& map)
   tau_ = static_cast<float>(p.truncation_distance_m / p.voxel_size_m);
   clamp_low_ = static_cast<float>(p.clamp_min_m / p.voxel_size_m);
   sample_scale_ = static_cast<float>(kSampleSteps) / (tau_ - clamp_low_);
-  view_low_ = static_cast<float>((params_.elevation_min_rad + kPi / 2) / image_.bin_rad());
-  view_high_ = static_cast<float>((params_.elevation_max_rad + kPi / 2) / image_.bin_rad());
+  view_low_ = static_cast<float>((params_.elevation_min_rad + std::numbers::pi / 2) / image_.bin_rad());
+  view_high_ = static_cast<float>((params_.elevation_max_rad + std::numbers::pi / 2) / image_.bin_rad());
 }
 ProjectiveIntegrator::~ProjectiveIntegrator() = default;
 

@@ -4,11 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace accessvdb::internal {
 namespace {
 
-constexpr double kPi = 3.141592653589793;
+using std::numbers::pi;
 
 /// Angle of (x, y) in [-pi, pi], within 4e-7. Branches would keep the loops below from being vectorised.
 /// Reduction and coefficients: Cephes, atanf.
@@ -36,8 +37,8 @@ struct Projection {
 /// Bins of a position in the sensor frame. Rounding at the seam must not lead out of the image.
 inline Projection projectionOf(float x, float y, float z, float bins_per_rad, float last_column, float last_row) {
   const float flat2 = x * x + y * y;
-  const float column = (angleOf(y, x) + static_cast<float>(kPi)) * bins_per_rad;
-  const float row = (angleOf(z, std::sqrt(flat2)) + static_cast<float>(kPi / 2)) * bins_per_rad;
+  const float column = (angleOf(y, x) + static_cast<float>(pi)) * bins_per_rad;
+  const float row = (angleOf(z, std::sqrt(flat2)) + static_cast<float>(pi / 2)) * bins_per_rad;
   const float column_up = column > 0.0f ? column : 0.0f, row_up = row > 0.0f ? row : 0.0f;
   return {std::sqrt(flat2 + z * z), column_up < last_column ? column_up : last_column,
           row_up < last_row ? row_up : last_row};
@@ -58,12 +59,12 @@ std::vector<std::array<float, 2>> cosineAndSine(int count, double first_rad, dou
 }  // namespace
 
 RangeImage::RangeImage(double bin_rad)
-    : columns_(2 * std::max(2, static_cast<int>(std::lround(kPi / bin_rad)))),
+    : columns_(2 * std::max(2, static_cast<int>(std::lround(pi / bin_rad)))),
       rows_(columns_ / 2),
-      bin_rad_(2 * kPi / columns_),
+      bin_rad_(2 * pi / columns_),
       ranges_(index(0, rows_), 0.0f),
-      azimuth_(cosineAndSine(columns_, -kPi, bin_rad_)),
-      elevation_(cosineAndSine(rows_, -kPi / 2, bin_rad_)) {}
+      azimuth_(cosineAndSine(columns_, -pi, bin_rad_)),
+      elevation_(cosineAndSine(rows_, -pi / 2, bin_rad_)) {}
 
 void RangeImage::fill(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L, const Eigen::Matrix3d& R_W_S,
                       double voxel_size_m) {
@@ -82,7 +83,7 @@ void RangeImage::fill(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3
 }
 
 Eigen::Vector3d RangeImage::directionAt(double column, double row) const {
-  const double azimuth = column * bin_rad_ - kPi, elevation = row * bin_rad_ - kPi / 2;
+  const double azimuth = column * bin_rad_ - pi, elevation = row * bin_rad_ - pi / 2;
   return {std::cos(azimuth) * std::cos(elevation), std::sin(azimuth) * std::cos(elevation), std::sin(elevation)};
 }
 

@@ -106,10 +106,10 @@ void ReturnBins::forEachPair(std::size_t bucket, const Visit& visit) const {
   // Each chunk has a few pairs for a bucket, in separate memory: prefetched, or each would stall.
   constexpr std::size_t kDataAhead = 4, kVectorAhead = 8;
   for (std::size_t n = 0; n < chunk_count_; ++n) {
-    if (n + kVectorAhead < chunk_count_) prefetch(&chunks_[n + kVectorAhead][bucket], sizeof(std::vector<Pair>));
+    if (n + kVectorAhead < chunk_count_) prefetchWrite(&chunks_[n + kVectorAhead][bucket], sizeof(std::vector<Pair>));
     if (n + kDataAhead < chunk_count_) {
       const std::vector<Pair>& ahead = chunks_[n + kDataAhead][bucket];
-      if (!ahead.empty()) prefetch(ahead.data(), std::min<std::size_t>(ahead.size() * sizeof(Pair), 1024));
+      if (!ahead.empty()) prefetchWrite(ahead.data(), std::min<std::size_t>(ahead.size() * sizeof(Pair), 1024));
     }
     for (const Pair& pair : chunks_[n][bucket]) visit(pair);
   }

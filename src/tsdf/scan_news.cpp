@@ -5,16 +5,10 @@
 #include <algorithm>
 #include <array>
 
+#include "processor/prefetch.h"
+
 namespace accessvdb::internal {
 namespace {
-
-/// Caches inner nodes only, as PackedAccessor.
-
-void prefetchRead([[maybe_unused]] const void* address) {
-#if defined(__GNUC__)
-  __builtin_prefetch(address);
-#endif
-}
 
 /// A return on its way through the tree. Voxels are scattered over the map, so each step only asks for the memory that
 /// the next one reads, and all returns of a group take a step before any takes the next.

@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "launch/stopwatch.h"
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 #include "update/backlog.h"
 #include "update/corridor_offsets.h"
 #include "update/host_scheduler.h"

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "hostdev/due_evaluation.h"
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 #include "update/cell_directions.h"
 #include "update/known_rows.h"
 

@@ -13,7 +13,7 @@
 #include <iterator>
 #include <utility>
 
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {

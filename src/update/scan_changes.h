@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 #include "update/flip_set.h"
 #include "update/moved_points.h"
 
@@ -42,7 +42,7 @@ class ScanChanges {
   /// False if no point of the block has a neighbourhood, so none was ever scored.
   [[nodiscard]] bool anyScoredIn(std::uint32_t block) const { return moved_points_.anyIn(block); }
   [[nodiscard]] const FlipSet& flips() const { return flips_; }
-  /// Of the flips' leaves: voxels that stopped colliding, by cell.
+  /// Voxels that stopped colliding in the flips' leaves, by cell.
   [[nodiscard]] const std::vector<std::uint64_t>& freed() const { return freed_; }
 
   [[nodiscard]] std::uint64_t bytes() const;

@@ -73,7 +73,9 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   }
   if (free_for_s > 0) map.ageFreeSpace(free_for_s);
   internal::ScanIntegrator integrator(map);
-  internal::PointStore points(params, std::vector<float>(2 * static_cast<std::size_t>(params.approach.num_directions)));
+  kernels::DirectionTable level;
+  level.xy.resize(2 * static_cast<std::size_t>(params.approach.num_directions));
+  internal::PointStore points(params, level);
   std::vector<double> fuse_ms, points_ms, age_ms;
   double user_ms = 0, system_ms = 0, touched = 0, fresh = 0, updates = 0, passes = 0, changed = 0, aged = 0;
   std::uint64_t changes_hash = 0;

@@ -8,7 +8,6 @@
 /// including transfers. All results are compared with the CPU's, field for field. With --orientations, in place of yaw,
 /// a turned rod of 0.6 m is scored at 20 000 points.
 #include <algorithm>
-#include <chrono>
 #include <cstring>
 #include <fstream>
 #include <iostream>
@@ -20,6 +19,7 @@
 #include "cuda/cuda_backend.h"
 #include "field/point_weights.h"
 #include "field/tools/scoring_setup.h"
+#include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
 #include "sample_scans/walk_generator.h"
 #include "support/box_tool.h"
@@ -30,12 +30,7 @@ namespace accessvdb {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using Clock = std::chrono::steady_clock;
 using kernels::SearchPath;
-
-double millisecondsSince(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 struct Options {
   double voxel_m = 0.01, tau_m = 0.1;
@@ -96,8 +91,7 @@ class World {
   World(const Options& options, const FieldParams& params, kernels::CudaBackend& cuda, kernels::Backend& cpu)
       : params_(params),
         map_(params.tsdf),
-        store_(params, internal::DirectionTable::make(params.approach).xy,
-               internal::DirectionTable::make(params.approach).axes_xyz),
+        store_(params, internal::ExpandedOrientations::of(params.approach).table()),
         cuda_mirror_(cuda.makeArena(), params.tsdf.voxel_size_m),
         cpu_mirror_(cpu.makeArena(), params.tsdf.voxel_size_m),
         cuda_points_(cuda, words()),
@@ -135,17 +129,17 @@ class World {
       }
       const internal::IntegrationResult result = integrator.integrate(p_L, {&q_L, 1});
       store_.addReturns(p_L, {&q_L, 1});
-      const auto start = Clock::now();
+      const kernels::Stopwatch watch;
       cuda_mirror_.applyLists(result.changes);
-      apply_ms_.push_back(millisecondsSince(start));
+      apply_ms_.push_back(watch.milliseconds());
       cuda.finish();
-      mirror_ms_.push_back(millisecondsSince(start));
+      mirror_ms_.push_back(watch.milliseconds());
       mirror_bytes_.push_back(static_cast<double>(cuda_mirror_.lastTraffic().bytes_written));
       mirror_leaves_.push_back(
           static_cast<double>(cuda_mirror_.lastTraffic().leaves_added + cuda_mirror_.lastTraffic().leaves_patched));
-      const auto cpu_start = Clock::now();
+      const kernels::Stopwatch cpu_watch;
       cpu_mirror_.applyLists(result.changes);
-      cpu_mirror_ms_.push_back(millisecondsSince(cpu_start));
+      cpu_mirror_ms_.push_back(cpu_watch.milliseconds());
       ++frames_;
     }
   }
@@ -293,9 +287,9 @@ class Bench {
     std::vector<double> call_ms, order_ms, search_ms, update_ms;
     cuda_.setTiming(true);
     for (int n = 0; n < options_.repeats; ++n) {
-      const auto start = Clock::now();
+      const kernels::Stopwatch watch;
       call();
-      call_ms.push_back(millisecondsSince(start));
+      call_ms.push_back(watch.milliseconds());
       const kernels::DeviceTimes times = cuda_.lastTimes();
       order_ms.push_back(times.order_ms);
       search_ms.push_back(times.search_ms);
@@ -347,13 +341,13 @@ class Bench {
     const Json times = timed([&] { cuda_.scorePoints(request); });
     auto host = requestOf(on_cpu, world_.cpu_mirror_, world_.cpu_points_, items);
     host.results = expected.data();
-    const auto start = Clock::now();
+    const kernels::Stopwatch watch;
     cpu_.scorePoints(host);
     row["what"] = "filters and early stop";
     row["points"] = ids.size();
     row["points_of"] = which;
     row["path"] = nameOf(path);
-    row["cpu_ms"] = millisecondsSince(start);
+    row["cpu_ms"] = watch.milliseconds();
     std::uint64_t differ = 0, tests = 0, accessible = 0;
     for (std::size_t n = 0; n < ids.size(); ++n) {
       differ += same(results[n], expected[n], !kernels::isWide(directions)) ? 0 : 1;

@@ -141,7 +141,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   test::ListeningBackend backend([&](const kernels::ExactTables&) { return std::make_unique<Listener>(phases, told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");  // the smallest: nothing is scored
   const internal::ScoringSetup setup(tool, params, backend);
-  internal::PointStore points(params, setup.directions_xy());
+  internal::PointStore points(params, setup.directions());
   internal::PointScorer scorer(points, params, backend,
                                internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
   const auto scheduler = internal::makeScheduler(std::array{setup.scheduledFor(scorer)});

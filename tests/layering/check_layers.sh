@@ -26,16 +26,17 @@ cuda-search std api hostdev launch cudart cuda-memory
 cuda-update std api hostdev launch cudart cuda-memory cuda-search
 cuda     std api hostdev launch cudart cuda-memory cuda-update cuda-search
 vdb      openvdb
-tsdf     std posix simd api grids eigen openvdb vdb tbb
+processor std simd
+tsdf     std posix processor api grids eigen openvdb vdb tbb
 mirror   std posix api grids openvdb tbb launch hostdev
-points   std api eigen tbb launch hostdev simd
+points   std api eigen tbb launch hostdev processor
 change   std api eigen openvdb tbb launch hostdev tsdf points
-update   std api eigen tbb launch hostdev points simd
+update   std api eigen tbb launch hostdev processor points simd
 tool     std posix api eigen tbb launch hostdev assimp openssl
 bags     std api eigen bzip2 lz4 sqlite zlib zstd
 io       std posix api grids eigen openvdb vdb tbb lzf openssl json bags
 picture  std api eigen tbb io png
-field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points change update tool io
+field    std posix api grids eigen openvdb vdb tbb launch hostdev processor tsdf mirror points change update tool io
 live     std api grids eigen openvdb tbb tsdf io
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
 report   std api eigen tool io zlib openssl json

@@ -12,7 +12,7 @@
 #include "field/query/query_source.h"
 #include "hostdev/capsule.h"
 #include "hostdev/position_voxel.h"
-#include "points/prefetch.h"
+#include "processor/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {

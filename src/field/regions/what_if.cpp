@@ -20,8 +20,6 @@
 namespace accessvdb::internal {
 namespace {
 
-/// Memory limit of the table of directions by cell; beyond it, leaves decide alone.
-
 /// Which directions may read a voxel that goes, for all points of a block.
 class Affected {
  public:

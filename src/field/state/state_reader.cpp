@@ -29,14 +29,6 @@ bool hasFacts(const LeafChange& facts) {
   return any != 0;
 }
 
-/// Room for the seen directions of a point, all 0.
-std::uint64_t* seenOf(StoredPoint& point, std::size_t words) {
-  point.seen = {};
-  if (words <= static_cast<std::size_t>(kernels::kMaxDirectionWords)) return point.seen.word;
-  point.wide_seen.assign(words, 0);
-  return point.wide_seen.data();
-}
-
 /// @param words  of seen directions; 0 with viewpoints
 StoredPoint pointFrom(const char* from, std::size_t words) {
   StoredPoint point = {};
@@ -49,10 +41,11 @@ StoredPoint pointFrom(const char* from, std::size_t words) {
   take(point.sums.sensor.data(), sizeof point.sums.sensor);
   take(&point.sums.returns, sizeof point.sums.returns);
   if (words == 0) {
-    take(&point.views.count, sizeof point.views.count);
-    take(point.views.pose.data(), sizeof point.views.pose);
+    Viewpoints& views = point.seen.views;
+    take(&views.count, sizeof views.count);
+    take(views.pose.data(), sizeof views.pose);
   } else {
-    take(seenOf(point, words), words * sizeof(std::uint64_t));
+    take(point.seen.clearWords(words).data(), words * sizeof(std::uint64_t));
   }
   return point;
 }
@@ -121,8 +114,7 @@ void StateReader::readViews(const PointStore& points, std::span<PointStore* cons
       in_.read(seen.data(), seen.size() * sizeof(seen[0]));
       for (std::size_t n = 0; n < block.size(); ++n) {
         block[n] = points.stored(static_cast<std::uint32_t>(first + n));
-        block[n].wide_seen.clear();
-        std::copy_n(seen.data() + n * words, words, seenOf(block[n], words));
+        std::copy_n(seen.data() + n * words, words, block[n].seen.clearWords(words).data());
       }
       if (!store->restore(block)) in_.refuse("a point has directions that its tool is not tried in");
     }

@@ -61,10 +61,11 @@ void putPoint(const StoredPoint& point, std::size_t words, char* to) {
   put(point.sums.sensor.data(), sizeof point.sums.sensor);
   put(&point.sums.returns, sizeof point.sums.returns);
   if (words == 0) {
-    put(&point.views.count, sizeof point.views.count);
-    put(point.views.pose.data(), sizeof point.views.pose);
+    const Viewpoints& views = point.seen.views;
+    put(&views.count, sizeof views.count);
+    put(views.pose.data(), sizeof views.pose);
   } else {
-    put(point.wide_seen.empty() ? point.seen.word : point.wide_seen.data(), words * sizeof(std::uint64_t));
+    put(point.seen.words().data(), words * sizeof(std::uint64_t));
   }
 }
 

@@ -32,22 +32,16 @@ std::vector<double> armDistances(const FieldParams& p) {
   return distances;
 }
 
-ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend,
+ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved,
+                           const ExpandedOrientations& orientations, kernels::Backend& backend,
                            const TableProgress& progress)
     : params_(resolved),
-      tool_(ToolKernel::make(tool, resolved, progress)),
-      directions_(DirectionTable::make(resolved.approach)),
+      tool_(ToolKernel::make(tool, resolved, orientations, progress)),
+      directions_(orientations.table()),
       memory_(backend) {
   const std::vector<double> distances = armDistances(resolved);
   num_arm_ = static_cast<int>(distances.size());
-  for (const ToolOrientation& orientation :
-       resolved.approach.orientations.orientations(resolved.approach.num_directions)) {
-    for (const double distance : distances) {
-      for (Eigen::Index axis = 0; axis < 3; ++axis) {
-        arm_offsets_.push_back(static_cast<float>(distance * orientation.R_WT(axis, 0)) + 0.0f);  // never -0
-      }
-    }
-  }
+  for (const ToolOrientation& orientation : orientations.all) addOffsetsAlong(orientation, distances, arm_offsets_);
   d_columns_ = uploaded(memory_, tool_.columns);
   d_column_begin_ = uploaded(memory_, tool_.column_begin);
   d_samples_ = uploaded(memory_, tool_.samples);
@@ -85,11 +79,7 @@ void ScoringSetup::loadSlabs() {
 
 kernels::ApproachView ScoringSetup::hostApproach() const {
   kernels::ApproachView view;
-  if (directions_.axes_xyz.empty()) {
-    view.direction_xy = directions_.xy.data();
-  } else {
-    view.axes_xyz = directions_.axes_xyz.data();
-  }
+  directions_.showIn(view);
   view.arm_offsets = arm_offsets_.data();
   view.num_directions = tool_.num_directions;
   view.num_arm = num_arm_;
@@ -111,11 +101,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
                     d_leaf_column_begin_.data(), d_slab_rows_.data(),  slabs_are_thick_};
   }
   tables.approach = hostApproach();
-  if (tables.approach.axes_xyz == nullptr) {
-    tables.approach.direction_xy = d_directions_.data();
-  } else {
-    tables.approach.axes_xyz = d_axes_.data();
-  }
+  tables.approach.direction_xy = d_directions_.data();  // null where the host has none
+  tables.approach.axes_xyz = d_axes_.data();
   tables.approach.arm_offsets = d_arm_offsets_.data();
   tables.prepared = prepared_.get();
   tables.rule.keep_best = params_.update.policy == UpdatePolicy::Paper;
@@ -131,8 +118,7 @@ ScheduledTool ScoringSetup::scheduledFor(PointScorer& scorer) const {
 std::uint64_t ScoringSetup::hostBytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return bytesOf(tool_.columns) + bytesOf(tool_.column_begin) + bytesOf(tool_.samples) + bytesOf(tool_.sample_begin) +
-         bytesOf(directions_.xy) + bytesOf(directions_.axes_xyz) + bytesOf(arm_offsets_) +
-         (prepared_ != nullptr ? prepared_->bytes() : 0);
+         directions_.bytes() + bytesOf(arm_offsets_) + (prepared_ != nullptr ? prepared_->bytes() : 0);
 }
 
 }  // namespace accessvdb::internal

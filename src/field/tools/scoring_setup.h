@@ -19,13 +19,13 @@ namespace accessvdb::internal {
 class ScoringSetup {
  public:
   ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend,
-               const TableProgress& progress = {});
+               const TableProgress& progress = {})
+      : ScoringSetup(tool, resolved, ExpandedOrientations::of(resolved.approach), backend, progress) {}
   ScoringSetup(const ScoringSetup&) = delete;
   ScoringSetup& operator=(const ScoringSetup&) = delete;
 
   [[nodiscard]] const ToolKernel& tool() const { return tool_; }
-  [[nodiscard]] const std::vector<float>& directions_xy() const { return directions_.xy; }
-  [[nodiscard]] const std::vector<float>& axes_xyz() const { return directions_.axes_xyz; }
+  [[nodiscard]] const kernels::DirectionTable& directions() const { return directions_; }
   [[nodiscard]] kernels::ToolKernelView hostTool() const { return tool_.view(); }
   [[nodiscard]] kernels::ApproachView hostApproach() const;
   /// @param grid  the mirror, in the backend's memory
@@ -36,11 +36,13 @@ class ScoringSetup {
   [[nodiscard]] std::uint64_t deviceBytes() const { return memory_.bytes(); }  ///< in the backend's memory
 
  private:
+  ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, const ExpandedOrientations& orientations,
+               kernels::Backend& backend, const TableProgress& progress);
   void loadSlabs();
 
   FieldParams params_;
   ToolKernel tool_;
-  DirectionTable directions_;
+  kernels::DirectionTable directions_;
   std::vector<float> arm_offsets_;  ///< [D x num_arm x 3]
   int num_arm_ = 0;
   kernels::CountedMemory memory_;

@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "tool/expanded_orientations.h"
+
 namespace accessvdb::internal {
 namespace {
 
@@ -29,7 +31,7 @@ ToolHeading headingOf(const ToolOrientation& orientation) {
 
 std::vector<ToolHeading> toolHeadings(const ApproachParams& resolved, const ToolRolls& rolls) {
   std::vector<ToolHeading> headings;
-  for (const ToolOrientation& orientation : resolved.orientations.orientations(resolved.num_directions)) {
+  for (const ToolOrientation& orientation : ExpandedOrientations::of(resolved).all) {
     for (int roll = 0; roll < rolls.count; ++roll) headings.push_back(headingOf(rolledBy(orientation, rolls, roll)));
   }
   return headings;

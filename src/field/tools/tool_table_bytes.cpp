@@ -16,7 +16,8 @@
 namespace accessvdb {
 namespace {
 
-/// Of yaw: quarter and half turns, and those between them: for most tools the fewest and the most columns.
+/// With yaw, these are the quarter and half turns and those between them: for most tools the fewest and the most
+/// columns.
 constexpr int kSampledDirections = 8;
 
 /// Box of all offsets, of every direction and roll, in voxels from the point.
@@ -25,11 +26,11 @@ struct OffsetBox {
   [[nodiscard]] double voxels() const { return (high - low + 1).prod(); }
 };
 
-OffsetBox offsetBoxOf(const ToolGeometry& tool, const FieldParams& resolved, const internal::ToolRolls& rolls) {
+OffsetBox offsetBoxOf(const ToolGeometry& tool, double voxel_size_m, const internal::ExpandedOrientations& orientations,
+                      const internal::ToolRolls& rolls) {
   OffsetBox box;
-  const double per_voxel = 1 / resolved.tsdf.voxel_size_m;
-  for (const ToolOrientation& orientation :
-       resolved.approach.orientations.orientations(resolved.approach.num_directions)) {
+  const double per_voxel = 1 / voxel_size_m;
+  for (const ToolOrientation& orientation : orientations.all) {
     for (int roll = 0; roll < rolls.count; ++roll) {
       const Eigen::Matrix3d R_WT = internal::rolledBy(orientation, rolls, roll).R_WT;
       for (const Eigen::Vector3f& vertex : tool.vertices_T()) {
@@ -45,13 +46,12 @@ OffsetBox offsetBoxOf(const ToolGeometry& tool, const FieldParams& resolved, con
 
 ToolTableBytes tableBytesOf(const ToolGeometry& tool, const FieldParams& params) {
   const FieldParams resolved = params.resolved();
-  const int directions = resolved.approach.directionCount();
-  const internal::ToolKernel kernel =
-      internal::ToolKernel::sampled(tool, resolved, std::min(directions, kSampledDirections));
+  const auto orientations = internal::ExpandedOrientations::of(resolved.approach);
+  const int directions = orientations.count();
+  const auto kernel = internal::ToolKernel::sampled(tool, resolved, orientations, kSampledDirections);
   const int sampled = kernel.num_directions;
   const double share = static_cast<double>(directions) / sampled;
-  const OffsetBox box = offsetBoxOf(tool, resolved, kernel.rolls);
-  const bool yaw = resolved.approach.orientations.isYaw();
+  const OffsetBox box = offsetBoxOf(tool, resolved.tsdf.voxel_size_m, orientations, kernel.rolls);
   const auto bytesOf = [](const auto& list) { return static_cast<double>(list.size() * sizeof(list[0])); };
   const double columns = share * bytesOf(kernel.columns);
   const double tables = columns + share * bytesOf(kernel.samples);
@@ -61,17 +61,11 @@ ToolTableBytes tableBytesOf(const ToolGeometry& tool, const FieldParams& params)
   if (on_host && columns <= static_cast<double>(kernels::PreparedTool::kMostColumnBytes)) {
     // The corridor counts, because windows reach as far; so do directions between the sampled ones.
     const std::vector<double> distances = internal::armDistances(resolved);
-    const std::vector<ToolOrientation> all =
-        resolved.approach.orientations.orientations(resolved.approach.num_directions);
-    const auto addAlong = [&](std::vector<float>& offsets, const Eigen::Vector3d& axis) {
-      for (const double distance : distances) {
-        for (Eigen::Index n = 0; n < 3; ++n) offsets.push_back(static_cast<float>(distance * axis[n]));
-      }
-    };
+    const std::vector<ToolOrientation>& all = orientations.all;
     kernels::ApproachView approach;
     std::vector<float> offsets;
     if (resolved.update.policy == UpdatePolicy::Exact) {
-      for (const ToolOrientation& orientation : all) addAlong(offsets, orientation.R_WT.col(0));
+      for (const ToolOrientation& orientation : all) internal::addOffsetsAlong(orientation, distances, offsets);
       approach.num_directions = directions;
       approach.num_arm = static_cast<int>(distances.size());
       approach.arm_offsets = offsets.data();
@@ -81,11 +75,13 @@ ToolTableBytes tableBytesOf(const ToolGeometry& tool, const FieldParams& params)
     const auto addCorner = [&](const Eigen::Array3d& voxel) {
       for (Eigen::Index n = 0; n < 3; ++n) {
         // A level corridor has a form of its own, so corners of level sets are level.
-        offsets.push_back(yaw && n == 2 ? 0.0f : static_cast<float>(voxel[n] * resolved.tsdf.voxel_size_m));
+        offsets.push_back(orientations.is_yaw && n == 2 ? 0.0f
+                                                        : static_cast<float>(voxel[n] * resolved.tsdf.voxel_size_m));
       }
     };
     for (int d = 0; d < sampled; ++d) {
-      addAlong(offsets, all[static_cast<std::size_t>(d) * all.size() / static_cast<std::size_t>(sampled)].R_WT.col(0));
+      const std::size_t at = static_cast<std::size_t>(d) * all.size() / static_cast<std::size_t>(sampled);
+      internal::addOffsetsAlong(all[at], distances, offsets);
       addCorner(box.low);
       addCorner(box.high);
     }
@@ -108,8 +104,8 @@ ToolTableBytes tableBytesOf(const ToolGeometry& tool, const FieldParams& params)
     // The table of directions by cell: one cell more at either end of each axis.
     const double cells = box.voxels() / 64, masks = static_cast<double>(sizeof(kernels::DirectionMask)) * cells;
     if (masks <= static_cast<double>(internal::CellDirections::kMostBytes)) {
-      held += yaw ? static_cast<double>(sizeof(kernels::DirectionArc)) * cells : masks;
-      making = std::max(making, held + (yaw ? masks : 0));
+      held += orientations.is_yaw ? static_cast<double>(sizeof(kernels::DirectionArc)) * cells : masks;
+      making = std::max(making, held + (orientations.is_yaw ? masks : 0));
     }
   }
   return {static_cast<std::uint64_t>(held), static_cast<std::uint64_t>(std::max(held, making))};

@@ -56,7 +56,7 @@ ToolsOfField::ToolsOfField(std::vector<ToolSpec> specs, const FieldParams& resol
         *tools_.emplace_back(std::make_unique<ToolScoring>(specs_[n], params, shared.backend, progress));
     while (tool.views_of < n && !sameDirections(tools_[tool.views_of]->params, params)) ++tool.views_of;
     if (tool.views_of == n) {
-      tool.own_points = std::make_unique<PointStore>(params, tool.setup.directions_xy(), tool.setup.axes_xyz());
+      tool.own_points = std::make_unique<PointStore>(params, tool.setup.directions());
     }
     tool.points = tools_[tool.views_of]->own_points.get();
     tool.reads = makeMapReads(shared.map, *tool.points, params.scoring.neighbourhood_weight, shared.core);

@@ -160,7 +160,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   test::ListeningBackend backend([&](const kernels::ExactTables&) { return std::make_unique<Listener>(told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
-  PointStore points(params, setup.directions_xy());
+  PointStore points(params, setup.directions());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
   const auto scheduler = makeScheduler(std::array{setup.scheduledFor(scorer)});
   ASSERT_NE(scheduler, nullptr);

@@ -91,7 +91,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
-  PointStore points(params, setup.directions_xy());
+  PointStore points(params, setup.directions());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, params.scoring.neighbourhood_weight));
   const auto scheduler = makePaperOnDevice(setup.scheduledFor(scorer));
   ASSERT_NE(scheduler, nullptr);

@@ -35,7 +35,7 @@ double squaredDistance(const Eigen::Vector3f& a, const Eigen::Vector3f& b) {
 class EveryNearKernel : public testing::TestWithParam<int> {
  protected:
   void SetUp() override {
-    const NearKernelList list = runnableNearKernels();
+    const KernelList<NearKernels> list = runnableNearKernels();
     if (GetParam() >= list.count) GTEST_SKIP() << "not on this machine";
     kernels = list.kernels[GetParam()];
   }
@@ -82,7 +82,7 @@ TEST_P(EveryNearKernel, FindsWhatIsWithinUpToTheSlack) {
 }
 
 TEST_P(EveryNearKernel, EqualsThePlainOne) {
-  const NearKernelList list = runnableNearKernels();
+  const KernelList<NearKernels> list = runnableNearKernels();
   const NearKernels& plain = *list.kernels[list.count - 1];
   Random random(2);
   for (int trial = 0; trial < 200; ++trial) {

@@ -49,8 +49,8 @@ std::array<float, 3> afterAllSweeps(const Covariance& c) {
   return normal;
 }
 
-/// Of points in whole steps, as the neighbour search makes them: clouds, sheets, lines, and a few points on a grid,
-/// where eigenvalues coincide.
+/// Covariances of points in whole steps, as the neighbour search makes them: clouds, sheets, lines, and a few points on
+/// a grid, where eigenvalues coincide.
 std::vector<Covariance> someCovariances() {
   std::mt19937_64 random(3);
   std::normal_distribution<double> gauss;
@@ -81,7 +81,7 @@ std::vector<Covariance> someCovariances() {
 
 TEST(NormalKernels, EveryInstructionSetGivesTheBitsOfAllSweeps) {
   const std::vector<Covariance> covariances = someCovariances();
-  const NormalKernelList list = runnableNormalKernels();
+  const KernelList<NormalKernels> list = runnableNormalKernels();
   for (int n = 0; n < list.count; ++n) {
     SCOPED_TRACE(list.kernels[static_cast<std::size_t>(n)]->name);
     std::vector<float> normals(3 * covariances.size());
@@ -101,7 +101,7 @@ TEST(NormalKernels, EveryInstructionSetGivesTheBitsOfAllSweeps) {
 /// Normals are written for as many covariances as there are, not for as many as there are lanes.
 TEST(NormalKernels, WriteNoMoreThanAsked) {
   const std::vector<Covariance> covariances(9, Covariance{1, 0, 0, 2, 0, 3});
-  const NormalKernelList list = runnableNormalKernels();
+  const KernelList<NormalKernels> list = runnableNormalKernels();
   for (int n = 0; n < list.count; ++n) {
     for (std::size_t count = 0; count <= covariances.size(); ++count) {
       std::vector<float> normals(3 * covariances.size() + 3, -7.0f);

@@ -56,8 +56,8 @@ class PointStoreSums : public testing::TestWithParam<bool> {};
 TEST_P(PointStoreSums, EqualPlainSums) {
   const double v = 0.05;
   const FieldParams params = pointParams(v, 180);
-  const std::vector<float> xy = directionTable(180);
-  PointStore store(params, xy);
+  const std::vector<float> xy = directionTable(180).xy;
+  PointStore store(params, {xy, {}});
   struct Plain {
     Eigen::Vector3f first;
     Eigen::Vector3d sum = Eigen::Vector3d::Zero(), sensor = Eigen::Vector3d::Zero();
@@ -208,21 +208,24 @@ TEST(PointStore, ViewpointsKeepTheirDistanceAndAreNeverReplaced) {
   look(5, 0);
   look(5.09f, 0);
   look(5, 0.0999f);
-  EXPECT_EQ(store.viewpoints(0).count, 1u);
+  EXPECT_EQ(store.stored(0).seen.views.count, 1u);
   look(5.101f, 0);
-  EXPECT_EQ(store.viewpoints(0).count, 2u);
+  EXPECT_EQ(store.stored(0).seen.views.count, 2u);
   look(5.2f, 0.02f);  // 0.101 m from the second
-  EXPECT_EQ(store.viewpoints(0).count, 3u);
+  EXPECT_EQ(store.stored(0).seen.views.count, 3u);
   const DirectionMask east = store.seen(0);
   EXPECT_TRUE(east.test(0));
   EXPECT_FALSE(east.test(18));
   for (int n = 0; n < 5; ++n) look(6 + static_cast<float>(n), 0);
-  EXPECT_EQ(store.viewpoints(0).count, 8u);
+  EXPECT_EQ(store.stored(0).seen.views.count, 8u);
   look(-5, 0);
-  EXPECT_EQ(store.viewpoints(0).count, 8u);
+  EXPECT_EQ(store.stored(0).seen.views.count, 8u);
   EXPECT_FALSE(store.seen(0).test(18));  // no more room for the view from the west
-  EXPECT_EQ(store.poses()[store.viewpoints(0).pose[0]], Eigen::Vector3f(5, 0, 0));
-  EXPECT_EQ(store.poses()[store.viewpoints(0).pose[7]], Eigen::Vector3f(10, 0, 0));
+  std::uint64_t joined = std::uint64_t{1} << 18;
+  store.joinSeen(0, std::span(&joined, 1));
+  EXPECT_EQ(joined, store.seen(0).word[0] | std::uint64_t{1} << 18);
+  EXPECT_EQ(store.poses()[store.stored(0).seen.views.pose[0]], Eigen::Vector3f(5, 0, 0));
+  EXPECT_EQ(store.poses()[store.stored(0).seen.views.pose[7]], Eigen::Vector3f(10, 0, 0));
 }
 
 }  // namespace

@@ -5,10 +5,12 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <numbers>
 #include <random>
 #include <vector>
 
 #include "accessvdb/params.h"
+#include "launch/direction_table.h"
 
 namespace accessvdb::test {
 
@@ -41,13 +43,13 @@ inline FieldParams pointParams(double voxel_size_m, int num_directions = 36, int
   return params;
 }
 
-inline std::vector<float> directionTable(int num_directions) {
-  std::vector<float> xy;
+inline kernels::DirectionTable directionTable(int num_directions) {
+  kernels::DirectionTable table;
   for (int d = 0; d < num_directions; ++d) {
-    xy.push_back(static_cast<float>(std::cos(2 * 3.141592653589793 * d / num_directions)));
-    xy.push_back(static_cast<float>(std::sin(2 * 3.141592653589793 * d / num_directions)));
+    table.xy.push_back(static_cast<float>(std::cos(2 * std::numbers::pi * d / num_directions)));
+    table.xy.push_back(static_cast<float>(std::sin(2 * std::numbers::pi * d / num_directions)));
   }
-  return xy;
+  return table;
 }
 
 }  // namespace accessvdb::test

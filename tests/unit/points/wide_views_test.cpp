@@ -19,11 +19,11 @@ constexpr std::size_t kSlice = 250;
 class WideAndNarrow {
  public:
   WideAndNarrow(test::Random& random, std::size_t directions)
-      : params_(test::pointParams(0.05)), wide_(params_, {}, axesOf(random, directions)) {
+      : params_(test::pointParams(0.05)), wide_(params_, {{}, axesOf(random, directions)}) {
     for (std::size_t first = 0; first < directions; first += kSlice) {
       const auto begin = axes_.begin() + static_cast<std::ptrdiff_t>(3 * first);
       const auto end = axes_.begin() + static_cast<std::ptrdiff_t>(3 * std::min(first + kSlice, directions));
-      slices_.emplace_back(params_, std::vector<float>(), std::vector<float>(begin, end));
+      slices_.emplace_back(params_, kernels::DirectionTable{{}, {begin, end}});
     }
   }
   void add(const std::vector<Eigen::Vector3f>& p, const std::vector<Eigen::Vector3f>& q) {
@@ -67,7 +67,7 @@ class WideAndNarrow {
     return changes;
   }
   [[nodiscard]] const PointStore& wide() const { return wide_; }
-  [[nodiscard]] PointStore fresh() const { return PointStore(params_, {}, axes_); }
+  [[nodiscard]] PointStore fresh() const { return PointStore(params_, {{}, axes_}); }
 
  private:
   const std::vector<float>& axesOf(test::Random& random, std::size_t directions) {
@@ -116,10 +116,10 @@ TEST(WideViews, AreThoseOfTheSlices) {
     std::vector<StoredPoint> stored;
     for (const std::uint32_t id : ids) stored.push_back(stores.wide().stored(id));
     ASSERT_TRUE(again.restore(stored));
-    for (const std::uint32_t id : ids) EXPECT_EQ(again.stored(id).wide_seen, stored[id].wide_seen);
+    for (const std::uint32_t id : ids) EXPECT_EQ(again.stored(id).seen.wide, stored[id].seen.wide);
     // A direction beyond the set, or too few words, is no point of such a store.
-    if (directions % 64 != 0) stored[5].wide_seen.back() |= std::uint64_t{1} << 63;
-    if (directions % 64 == 0) stored[5].wide_seen.pop_back();
+    if (directions % 64 != 0) stored[5].seen.wide.back() |= std::uint64_t{1} << 63;
+    if (directions % 64 == 0) stored[5].seen.wide.pop_back();
     PointStore refusing = stores.fresh();
     EXPECT_FALSE(refusing.restore(stored));
   }

@@ -80,7 +80,7 @@ TEST(Orientations, AreThoseOfPlainTrigonometry) {
     const auto orientations = approach.orientations.orientations(num_directions);
     const auto axes = test::referenceAxes(approach);
     ASSERT_EQ(orientations.size(), axes.size());
-    const internal::DirectionTable table = internal::DirectionTable::make(approach);
+    const kernels::DirectionTable table = internal::ExpandedOrientations::of(approach).table();
     ASSERT_TRUE(table.xy.empty());
     ASSERT_EQ(table.axes_xyz.size(), 3 * axes.size());
     for (std::size_t d = 0; d < axes.size(); ++d) {
@@ -153,10 +153,10 @@ TEST(Orientations, OfYawAreTheSameHoweverTheyAreWritten) {
       EXPECT_EQ(other.pitch_rad, 0);
     }
   }
-  // Of other numbers of directions, in the precision of scoring.
+  // With other numbers of directions, they have the same bits in the precision of scoring.
   for (int D = 4; D <= 256; ++D) {
-    const internal::DirectionTable table = internal::DirectionTable::make(D);
-    const internal::DirectionTable any = internal::DirectionTable::make(approachOf("pitch:0:0:1", D));
+    const kernels::DirectionTable table = internal::ExpandedOrientations::of(approachOf("yaw", D)).table();
+    const kernels::DirectionTable any = internal::ExpandedOrientations::of(approachOf("pitch:0:0:1", D)).table();
     for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
       ASSERT_EQ(table.xy[2 * d], any.axes_xyz[3 * d]);
       ASSERT_EQ(table.xy[2 * d + 1], any.axes_xyz[3 * d + 1]);

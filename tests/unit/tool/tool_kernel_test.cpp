@@ -44,7 +44,7 @@ ToolGeometry toolOf(const test::Mesh& mesh) { return ToolGeometry::fromTriangles
 
 TEST(DirectionTable, IsTheUnitCircleAndExactOnTheAxes) {
   for (int D : {4, 7, 36, 180, 256}) {
-    const DirectionTable table = DirectionTable::make(D);
+    const kernels::DirectionTable table = ExpandedOrientations::of(paramsFor(0.01, 3, D).approach).table();
     ASSERT_EQ(table.xy.size(), std::size_t(2 * D));
     for (int d = 0; d < D; ++d) {
       const long double yaw = 2 * std::numbers::pi_v<long double> * d / D;

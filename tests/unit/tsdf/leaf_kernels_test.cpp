@@ -84,7 +84,7 @@ Bits run(const LeafKernels& kernels, bool cone, unsigned seed) {
 }
 
 TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
-  const LeafKernelList list = runnableLeafKernels();
+  const KernelList<LeafKernels> list = runnableLeafKernels();
   const LeafKernels& plain = *list.kernels[static_cast<std::size_t>(list.count - 1)];
   EXPECT_STREQ(plain.name, "plain");
   if (list.count == 1) GTEST_SKIP() << "this machine runs the plain kernels only";
@@ -121,7 +121,7 @@ TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
 
 /// A voxel counts once, whether one of its facts flipped or both.
 TEST(LeafKernels, FlippedVoxelsAreThoseOfTheChange) {
-  const LeafKernelList list = runnableLeafKernels();
+  const KernelList<LeafKernels> list = runnableLeafKernels();
   std::uint64_t all = 0;
   for (unsigned seed = 1; seed <= 20; ++seed) {
     const Bits bits = run(*list.kernels[seed % static_cast<unsigned>(list.count)], true, seed);
@@ -140,7 +140,7 @@ TEST(LeafKernels, FlippedVoxelsAreThoseOfTheChange) {
 
 /// The mean after a fold is (mean * weight + 16 * sum) / total to the nearest step, halves up; in integers.
 TEST(LeafKernels, FoldedMeansAreRoundedExactly) {
-  const LeafKernelList list = runnableLeafKernels();
+  const KernelList<LeafKernels> list = runnableLeafKernels();
   for (int n = 0; n < list.count; ++n) {
     const LeafKernels& kernels = *list.kernels[static_cast<std::size_t>(n)];
     SCOPED_TRACE(kernels.name);

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numbers>
 #include <random>
 #include <vector>
 
@@ -23,8 +24,8 @@ namespace {
 using Eigen::Vector3d;
 using Ijk = std::array<std::int32_t, 3>;
 
-constexpr double kPi = 3.141592653589793;
-constexpr double kBin_rad = 0.25 * kPi / 180;
+using std::numbers::pi;
+constexpr double kBin_rad = 0.25 * pi / 180;
 constexpr float kCollisionDistance_m = 0.005f;
 /// A column of 1 440 has a float step of 1.2e-4 bins, and the angle's polynomial is off by as much at most.
 constexpr double kBinMargin = 1e-3;
@@ -53,7 +54,7 @@ class LoopProjective {
     double column, row;
   };
   static Bins binsOf(const Vector3d& x_S) {
-    return {(std::atan2(x_S.y(), x_S.x()) + kPi) / kBin_rad, (std::asin(x_S.z() / x_S.norm()) + kPi / 2) / kBin_rad};
+    return {(std::atan2(x_S.y(), x_S.x()) + pi) / kBin_rad, (std::asin(x_S.z() / x_S.norm()) + pi / 2) / kBin_rad};
   }
 
   void integrate(const Scan& scan, const Ijk& low, const Ijk& high) {
@@ -92,7 +93,7 @@ class LoopProjective {
     double d = tau_;
     bool counts = true;
     if (r == 0) {
-      const double elevation = bins.row * kBin_rad - kPi / 2;
+      const double elevation = bins.row * kBin_rad - pi / 2;
       margin = std::min({margin, std::abs(elevation - variant.elevation_min_rad) / kBin_rad / kBinMargin,
                          std::abs(elevation - variant.elevation_max_rad) / kBin_rad / kBinMargin});
       counts = variant.empty_is_free && elevation >= variant.elevation_min_rad && elevation < variant.elevation_max_rad;
@@ -129,8 +130,8 @@ class LoopProjective {
         return true;
       }
     }
-    const double azimuth = (floorOf(bins.column) + 0.5) * kBin_rad - kPi;
-    const double elevation = (floorOf(bins.row) + 0.5) * kBin_rad - kPi / 2;
+    const double azimuth = (floorOf(bins.column) + 0.5) * kBin_rad - pi;
+    const double elevation = (floorOf(bins.row) + 0.5) * kBin_rad - pi / 2;
     const Vector3d ray(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
                        std::sin(elevation));
     const double off_ray = x_S.cross(ray).norm();
@@ -415,7 +416,7 @@ TEST(Projective, AnglesAreRightAllAround) {
       const double turn = std::abs(seen.column[at] - expected.column);
       ASSERT_LT(std::min(turn, 1440 - turn), kBinMargin / 2) << x.transpose();
       // asin() loses digits near the poles, so compare the sine.
-      ASSERT_NEAR(std::sin(seen.row[at] * kBin_rad - kPi / 2), x.z() / x.norm(), 1e-6);
+      ASSERT_NEAR(std::sin(seen.row[at] * kBin_rad - pi / 2), x.z() / x.norm(), 1e-6);
       ASSERT_NEAR(seen.range[at], x.norm(), 3e-5);  // four steps of a float of that size
     }
   }

@@ -62,7 +62,7 @@ struct Flips {
 struct Tables {
   std::vector<kernels::VoxelColumn> columns;
   std::vector<std::uint32_t> column_begin = {0}, sample_begin = {0};
-  std::vector<float> samples, xy = directionTable(kDirections), axes, offsets;
+  std::vector<float> samples, xy = directionTable(kDirections).xy, axes, offsets;
   kernels::ToolKernelView tool;
   kernels::ApproachView approach;
 
@@ -270,7 +270,7 @@ TEST(LeafFootprint, OfAnyDirectionsNeverMissesAFlip) {
   }
 }
 
-/// Of any directions, each leaf has its own set, and all leaves above each other are there.
+/// With directions of any kind, each leaf has its own set, and all leaves above each other are there.
 TEST(LeafFootprint, OfAnyDirectionsHasASetForEachLeaf) {
   Random random(8);
   const Tables tables(random, 0.05, false, true);

@@ -22,7 +22,7 @@ TEST(WideRefresh, NoticesNewViewsAlone) {
     for (const float x : random.point(1).normalized()) axes.push_back(x);
   }
   const FieldParams params = test::pointParams(0.05);
-  PointStore points(params, {}, axes);
+  PointStore points(params, {{}, axes});
   std::vector<Eigen::Vector3f> p;
   for (int x = 0; x < 20; ++x) {
     for (int y = 0; y < 20; ++y) p.emplace_back(0.05f * static_cast<float>(x), 0.05f * static_cast<float>(y), 0.0f);

@@ -11,9 +11,12 @@
 
 namespace accessvdb::sim {
 
-/// The finaliser of splitmix64 (Steele, Lea, Flood 2014): every input bit changes about half of the output bits.
+inline constexpr std::uint64_t kSplitMixStep = 0x9E3779B97F4A7C15ull;
+
+/// The number that splitmix64 (Steele, Lea, Flood 2014) draws in this state: every input bit changes about half of the
+/// output bits.
 constexpr std::uint64_t mixBits(std::uint64_t x) {
-  x += 0x9E3779B97F4A7C15ull;
+  x += kSplitMixStep;
   x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ull;
   x = (x ^ (x >> 27)) * 0x94D049BB133111EBull;
   return x ^ (x >> 31);
@@ -27,7 +30,7 @@ class CounterRandom {
     for (const std::uint64_t part : key) state_ = mixBits(state_ ^ part);
   }
   constexpr std::uint64_t next() {
-    state_ += 0x9E3779B97F4A7C15ull;
+    state_ += kSplitMixStep;
     return mixBits(state_);
   }
   /// [0, 1), 53 bits.

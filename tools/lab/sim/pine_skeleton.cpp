@@ -10,6 +10,7 @@
 
 #include "accessvdb/error.h"
 #include "sim/angles.h"
+#include "sim/counter_random.h"
 
 namespace accessvdb::sim {
 namespace {
@@ -47,15 +48,14 @@ constexpr double kNeedleAngleMin = 30 * kDegree, kNeedleAngleMax = 60 * kDegree;
 constexpr double kNeedleRadius = 0.0015, kNeedleTipRadius = 0.0002;
 constexpr double kGoldenAngle = 137.50776405003785 * kDegree;
 
-/// splitmix64 (public domain, S. Vigna). The standard distributions differ between libraries; this does not.
+/// splitmix64 (public domain, S. Vigna).
 struct Generator {
   std::uint64_t state;
 
   double uniform() {  ///< [0, 1), 53 bits
-    std::uint64_t z = (state += 0x9e3779b97f4a7c15u);
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return double((z ^ (z >> 31)) >> 11) * 0x1p-53;
+    const std::uint64_t bits = mixBits(state);
+    state += kSplitMixStep;
+    return double(bits >> 11) * 0x1p-53;
   }
   double between(double low, double high) { return low + (high - low) * uniform(); }
   int whole(int low, int high) { return std::min(high, low + int(uniform() * (high - low + 1))); }

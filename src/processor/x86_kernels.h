@@ -1,0 +1,35 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Inner loops that one source file compiles for several instruction sets, to choose among at run time.
+///
+/// Code for a set stands between `#pragma GCC push_options` with that target and `pop_options`, under
+/// `#if ACCESSVDB_X86_KERNELS`. There is no code of the standard library inside, and no template: an inline function
+/// compiled there could end up being used everywhere, and a template would be instantiated outside the pragma's scope.
+#pragma once
+
+#include "processor/kernel_list.h"
+
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define ACCESSVDB_X86_KERNELS 1
+#include <immintrin.h>
+#else
+#define ACCESSVDB_X86_KERNELS 0
+#endif
+
+namespace accessvdb::internal {
+
+#if ACCESSVDB_X86_KERNELS
+/// @param avx2  compiled for avx2,bmi,bmi2,lzcnt,popcnt  @param avx512  also for avx512f,avx512vl,avx512dq,avx512bw
+template <typename Kernels>
+KernelList<Kernels> runnableKernels(const Kernels& avx512, const Kernels& avx2, const Kernels& plain) {
+  const bool has_avx2 =
+      __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+  const bool has_avx512 = has_avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+                          __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+  if (has_avx512) return {{&avx512, &avx2, &plain}, 3};
+  if (has_avx2) return {{&avx2, &plain, nullptr}, 2};
+  return {{&plain, nullptr, nullptr}, 1};
+}
+#endif
+
+}  // namespace accessvdb::internal
