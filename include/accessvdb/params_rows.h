@@ -230,7 +230,12 @@ inline constexpr auto kParamRows<ChangeParams> = std::tuple(
         "\"off\": the world is still; \"block\": new things block within a few scans; \"full\": what is gone opens "
         "by evidence, too. Off unless the region is \"double_cone\"."),
     paramRow<&ChangeParams::free_for_s, &accessvdb_params::free_for_s>(
-        "free_for_s", ParamRange{0.001, 1e9, "Give the seconds for which free space stays free, or infinity"},
+        "free_for_s",
+        [](const FieldParams& p) {
+          constexpr double kForever_s = std::numeric_limits<double>::infinity();
+          if (p.change.free_for_s == kForever_s) return ParamRange{0.001, kForever_s};
+          return ParamRange{0.001, 1e9, "Give the seconds for which free space stays free, or infinity"};
+        },
         "[T] seconds, by the stamps of the scans: free space that no ray has confirmed for T to 2 T is unknown "
         "again. inf: it stays free. Finite only with \"full\"."));
 

@@ -32,10 +32,13 @@ consteval std::size_t fieldCount() {
 }
 template <ParamStruct Params>
 constexpr bool kHasAllRows = std::tuple_size_v<decltype(kParamRows<Params>)> == fieldCount<Params>();
-// A field of params.h has no row in params_rows.h.
-static_assert(kHasAllRows<ProjectiveParams> && kHasAllRows<TsdfParams> && kHasAllRows<ApproachParams>);
-static_assert(kHasAllRows<ScoringParams> && kHasAllRows<UpdateParams> && kHasAllRows<ChangeParams>);
-static_assert(kHasAllRows<FieldParams>);
+static_assert(kHasAllRows<ProjectiveParams>, "a field of params.h has no row in params_rows.h");
+static_assert(kHasAllRows<TsdfParams>, "a field of params.h has no row in params_rows.h");
+static_assert(kHasAllRows<ApproachParams>, "a field of params.h has no row in params_rows.h");
+static_assert(kHasAllRows<ScoringParams>, "a field of params.h has no row in params_rows.h");
+static_assert(kHasAllRows<UpdateParams>, "a field of params.h has no row in params_rows.h");
+static_assert(kHasAllRows<ChangeParams>, "a field of params.h has no row in params_rows.h");
+static_assert(kHasAllRows<FieldParams>, "a field of params.h has no row in params_rows.h");
 
 template <typename Value>
 std::string text(const Value& value) {
@@ -74,7 +77,7 @@ void requireRange(const Row& row, const Value& value, const FieldParams& all, co
     for (const double number : value) requireRange(row, number, all, prefix);
   } else {
     const ParamRange range = row.rangeIn(all);
-    require((prefix + row.name).c_str(), value, range.low, range.high, range.advice);
+    require((prefix + row.c_name).c_str(), value, range.low, range.high, range.advice);
   }
 }
 
@@ -83,9 +86,7 @@ template <auto... kMembers, typename Params>
 void requireRanges(const Params& params, const FieldParams& all, const std::string& prefix = "") {
   forEachRow<Params>([&]<typename Row>(const Row& row) {
     constexpr bool kAsked = sizeof...(kMembers) == 0 || (Row::template is<kMembers> || ...);
-    if constexpr (kAsked && Row::has_range) {
-      requireRange(row, params.*Row::member, all, prefix);
-    }
+    if constexpr (kAsked && Row::has_range) requireRange(row, params.*Row::member, all, prefix);
   });
 }
 
@@ -122,10 +123,8 @@ void requireOrientations(const FieldParams& p) {
 }
 
 void requireChange(const FieldParams& p) {
-  const ChangeParams& change = p.change;
-  if (change.free_for_s == std::numeric_limits<double>::infinity()) return;
-  requireRanges(change, p);
-  if (change.mode != ChangeMode::Full) {
+  requireRanges(p.change, p);
+  if (std::isfinite(p.change.free_for_s) && p.change.mode != ChangeMode::Full) {
     throw InvalidArgument("config.change", "free_for_s", "is finite, which needs ChangeMode::Full",
                           "Use ChangeMode::Full, or leave free_for_s at infinity");
   }
@@ -252,8 +251,7 @@ std::string FieldParams::describe() const {
       }
     });
   };
-  // Not where and on how many threads a field runs, and nothing of tiles, which are described as the map that they
-  // make.
+  // Parts only: where a field runs decides no result, and tiles are described as the map that they make.
   forEachRow<FieldParams>([&]<typename Row>(const Row&) {
     const auto& value = this->*Row::member;
     if constexpr (ParamStruct<std::remove_cvref_t<decltype(value)>>) putAll(putAll, value, "");
