@@ -20,23 +20,14 @@
 
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
+#include "accessvdb/params_rows.h"
 #include "accessvdb/tool_geometry.h"
 
 namespace accessvdb::python {
 
-/// The names of an enum's values, in its order; the same as in files.
+/// The words for an enum's values, in its order; the same as in files.
 template <typename Enum>
-inline constexpr std::array<const char*, 0> kWords = {};
-template <>
-inline constexpr std::array kWords<BackendKind> = {"auto", "cpu", "cuda"};
-template <>
-inline constexpr std::array kWords<UpdateRegion> = {"double_cone", "full_cube", "projective"};
-template <>
-inline constexpr std::array kWords<ToolForm> = {"voxels", "surface_samples"};
-template <>
-inline constexpr std::array kWords<UpdatePolicy> = {"exact", "paper"};
-template <>
-inline constexpr std::array kWords<ChangeMode> = {"off", "block", "full"};
+inline constexpr auto kWords = kEnumWords<Enum>;
 template <>
 inline constexpr std::array kWords<LengthUnit> = {"m", "cm", "mm", "in"};
 
@@ -87,7 +78,33 @@ template <typename Struct>
 class ACCESSVDB_PRIVATE SettingsClass {
  public:
   SettingsClass(pybind11::module_& module, const char* name, const char* doc)
-      : class_(module, name, doc), fields_(std::make_shared<std::vector<Field>>()), name_(name) {}
+      : class_(module, name, doc), fields_(std::make_shared<std::vector<Field>>()), name_(name) {
+    const auto fields = fields_;  // filled later
+    class_.def(
+        pybind11::init([fields, name](const pybind11::kwargs& settings) { return fromDict(name, *fields, settings); }));
+    class_.def("__repr__", [fields, name](const pybind11::object& self) {
+      std::string text = std::string("accessvdb.") + name + "(";
+      for (const Field& field : *fields) {
+        if (text.back() != '(') text += ", ";
+        text += std::string(field.name) + "=" + pybind11::repr(field.get(self)).template cast<std::string>();
+      }
+      return text + ")";
+    });
+    class_.def("__eq__", [fields](const pybind11::object& self, const pybind11::object& other) -> pybind11::object {
+      if (!pybind11::isinstance<Struct>(other)) {
+        return pybind11::reinterpret_borrow<pybind11::object>(pybind11::handle(Py_NotImplemented));
+      }
+      for (const Field& field : *fields) {
+        if (!field.get(self).equal(field.get(other))) return pybind11::bool_(false);
+      }
+      return pybind11::bool_(true);
+    });
+    class_.attr("__hash__") = pybind11::none();
+    class_.def("__copy__", [](const Struct& s) { return s; });
+    class_.def("__deepcopy__", [](const Struct& s, const pybind11::dict&) { return s; });
+  }
+  /// For more than settings.
+  [[nodiscard]] pybind11::class_<Struct>& pythonClass() { return class_; }
 
   template <typename T>
   SettingsClass& field(const char* name, T Struct::*member, const char* doc) {
@@ -120,34 +137,6 @@ class ACCESSVDB_PRIVATE SettingsClass {
       if (!pybind11::isinstance<pybind11::dict>(value)) throwNoStruct(name, value);
       return fromDict(name, *fields, pybind11::reinterpret_borrow<pybind11::dict>(value));
     };
-  }
-
-  pybind11::class_<Struct>& finish() {
-    const auto fields = fields_;
-    const char* const name = name_;
-    class_.def(
-        pybind11::init([fields, name](const pybind11::kwargs& settings) { return fromDict(name, *fields, settings); }));
-    class_.def("__repr__", [fields, name](const pybind11::object& self) {
-      std::string text = std::string("accessvdb.") + name + "(";
-      for (const Field& field : *fields) {
-        if (text.back() != '(') text += ", ";
-        text += std::string(field.name) + "=" + pybind11::repr(field.get(self)).template cast<std::string>();
-      }
-      return text + ")";
-    });
-    class_.def("__eq__", [fields](const pybind11::object& self, const pybind11::object& other) -> pybind11::object {
-      if (!pybind11::isinstance<Struct>(other)) {
-        return pybind11::reinterpret_borrow<pybind11::object>(pybind11::handle(Py_NotImplemented));
-      }
-      for (const Field& field : *fields) {
-        if (!field.get(self).equal(field.get(other))) return pybind11::bool_(false);
-      }
-      return pybind11::bool_(true);
-    });
-    class_.attr("__hash__") = pybind11::none();
-    class_.def("__copy__", [](const Struct& s) { return s; });
-    class_.def("__deepcopy__", [](const Struct& s, const pybind11::dict&) { return s; });
-    return class_;
   }
 
  private:

@@ -5,9 +5,6 @@
 
 namespace accessvdb::internal {
 
-/// TBB keeps a slot for each thread of an arena, and crashes where it has no memory for them.
-inline constexpr int kMostThreads = 4096;
-
 /// @param threads  0 = all  @return threads  @throws InvalidArgument "config.range", before TBB is asked
 int requireThreads(int threads);
 

@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 from pathlib import Path
@@ -133,6 +134,17 @@ class Stub(unittest.TestCase):
                 self.assertEqual(arguments(node), runtime_arguments(getattr(accessvdb, node.name)), node.name)
                 compared += 1
         self.assertGreater(compared, 15)
+
+    def test_settings_of_the_parameters(self):
+        """Their order, types and keywords, too, are those of the module."""
+        sys.path.insert(0, os.environ["SOURCE"] + "/tools")
+        import write_params_stub
+
+        text = STUB.read_text()
+        self.assertEqual(write_params_stub.written(text), text, "run tools/write_params_stub.py")
+        without = text.replace("    range_noise_m: float\n", "", 1)
+        self.assertNotEqual(without, text)
+        self.assertEqual(write_params_stub.written(without), text)
 
     def test_everything_has_a_docstring(self):
         for name in accessvdb.__all__:

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "accessvdb/params_rows.h"
 #include "accessvdb/tool_spec.h"
 #include "field/state/rules_version.h"
 #include "hostdev/direction_mask.h"
@@ -125,36 +126,6 @@ void visitAll(Code& code, Values&... values) {
   (code(values), ...);
 }
 
-// Each struct is taken apart by name, so that a new parameter does not compile before it has a place here.
-
-template <typename Code, typename Params>
-void visitProjective(Code& code, Params& p) {
-  auto& [bin_rad, in_front, empty_is_free, guarded, cleared_band, elevation_min_rad, elevation_max_rad, box_min_W_m,
-         box_max_W_m] = p;
-  visitAll(code, bin_rad, in_front, empty_is_free, guarded, cleared_band, elevation_min_rad, elevation_max_rad,
-           box_min_W_m, box_max_W_m);
-}
-
-template <typename Code, typename Params>
-void visitTsdf(Code& code, Params& p) {
-  auto& [voxel_size_m, truncation_distance_m, range_noise_m, min_range_m, max_range_m, region, projective, cone_cos_min,
-         clamp_min_m, max_weight, cleared_radius_voxels, cleared_begin_tau, cleared_end_tau] = p;
-  visitAll(code, voxel_size_m, truncation_distance_m, range_noise_m, min_range_m, max_range_m);
-  code.oneOf(region, UpdateRegion::Projective);
-  visitProjective(code, projective);
-  visitAll(code, cone_cos_min, clamp_min_m, max_weight, cleared_radius_voxels, cleared_begin_tau, cleared_end_tau);
-}
-
-template <typename Code, typename Params>
-void visitApproach(Code& code, Params& p) {
-  auto& [num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine, viewpoints,
-         orientations, rolls] = p;
-  static_cast<void>(orientations);  // see visitRest
-  static_cast<void>(rolls);
-  visitAll(code, num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine,
-           viewpoints);
-}
-
 template <typename Code, typename Orientation>
 void visitOrientation(Code& code, Orientation& orientation) {
   auto& [R_WT, yaw_rad, pitch_rad, roll_rad] = orientation;
@@ -171,48 +142,32 @@ void visitOrientations(Code& code, Set& set) {
   for (auto& orientation : list) visitOrientation(code, orientation);
 }
 
-template <typename Code, typename Params>
-void visitScoring(Code& code, Params& p) {
-  auto& [collision_distance_m, self_exclusion_voxels, form, surface_samples, max_collisions, neighbours, mean_positions,
-         join_neighbour_views, neighbourhood_weight, confidence_half_weight, confidence_min] = p;
-  visitAll(code, collision_distance_m, self_exclusion_voxels);
-  code.oneOf(form, ToolForm::SurfaceSamples);
-  visitAll(code, surface_samples, max_collisions, neighbours, mean_positions, join_neighbour_views,
-           neighbourhood_weight, confidence_half_weight, confidence_min);
-}
+/// A field of a struct of parameters that is not saved in its place.
+template <typename Row>
+constexpr bool kSkipped =
+    Row::template is<&FieldParams::backend> ||  // a state may go on elsewhere
+    Row::template is<&FieldParams::threads> || Row::template is<&ApproachParams::orientations> ||  // see visitRest
+    Row::template is<&ApproachParams::rolls> || Row::template is<&ChangeParams::free_for_s>;  // see visitFullChange
 
 template <typename Code, typename Params>
-void visitUpdate(Code& code, Params& p) {
-  auto& [policy, budget_points, changed_voxel_sample, changed_voxel_radius_voxels, requeue_motion_m, stability_min,
-         seed] = p;
-  code.oneOf(policy, UpdatePolicy::Paper);
-  visitAll(code, budget_points, changed_voxel_sample, changed_voxel_radius_voxels, requeue_motion_m, stability_min,
-           seed);
-}
-
-template <typename Code, typename Params>
-void visitChange(Code& code, Params& p) {
-  auto& [mode, free_for_s] = p;
-  static_cast<void>(free_for_s);  // see visitFullChange
-  code.oneOf(mode, ChangeMode::Full);
-}
-
-template <typename Code, typename Params>
-void visitParams(Code& code, Params& p) {
-  auto& [tsdf, approach, scoring, update, change, backend, threads, mirror_distance, origin_W, window] = p;
-  static_cast<void>(backend);  // a state may go on elsewhere
-  static_cast<void>(threads);
-  visitTsdf(code, tsdf);
-  visitApproach(code, approach);
-  visitScoring(code, scoring);
-  visitUpdate(code, update);
-  visitChange(code, change);
-  code(mirror_distance);
-  if (code.has(origin_W)) code(*origin_W);
-  if (code.has(window)) {
-    auto& [core_low, core_high] = *window;
-    visitAll(code, core_low, core_high);
-  }
+void visitParams(Code& code, Params& params) {
+  forEachRow<std::remove_const_t<Params>>([&]<typename Row>(const Row&) {
+    auto& value = params.*Row::member;
+    using Value = std::remove_cvref_t<decltype(value)>;
+    if constexpr (ParamStruct<Value>) {
+      visitParams(code, value);
+    } else if constexpr (Row::template is<&FieldParams::window>) {
+      if (code.has(value)) visitAll(code, value->core_low, value->core_high);
+    } else if constexpr (Row::template is<&FieldParams::origin_W>) {
+      if (code.has(value)) code(*value);
+    } else if constexpr (!kSkipped<Row>) {
+      if constexpr (std::is_enum_v<Value>) {
+        code.oneOf(value, static_cast<Value>(kEnumWords<Value>.size() - 1));
+      } else {
+        code(value);
+      }
+    }
+  });
 }
 
 /// What a program needs to refuse a state that it cannot read.

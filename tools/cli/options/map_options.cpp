@@ -13,6 +13,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/params_rows.h"
 #include "accessvdb/tiles.h"
 #include "options/region_options.h"
 #include "options/tools_given.h"
@@ -32,6 +33,14 @@ Value chooseWord(const std::string& flag, const std::string& word,
   throw InvalidArgument("usage.word", flag, "\"" + word + "\" is not known", "Use one of " + list);
 }
 
+/// The same for a parameter that is one of several words.
+template <typename Enum>
+Enum chooseWord(const std::string& flag, const std::string& word) {
+  std::array<std::pair<const char*, Enum>, kEnumWords<Enum>.size()> words;
+  for (std::size_t n = 0; n < words.size(); ++n) words[n] = {kEnumWords<Enum>[n], static_cast<Enum>(n)};
+  return chooseWord(flag, word, words);
+}
+
 constexpr std::array<std::pair<const char*, io::PoseFormat>, 6> kPoseFormats = {
     {{"auto", io::PoseFormat::Auto},
      {"tum", io::PoseFormat::Tum},
@@ -41,14 +50,8 @@ constexpr std::array<std::pair<const char*, io::PoseFormat>, 6> kPoseFormats = {
      {"viewpoint", io::PoseFormat::Viewpoint}}};
 constexpr std::array<std::pair<const char*, Profile>, 2> kProfiles = {
     {{"product", Profile::Product}, {"paper", Profile::Paper}}};
-constexpr std::array<std::pair<const char*, UpdatePolicy>, 2> kPolicies = {
-    {{"exact", UpdatePolicy::Exact}, {"paper", UpdatePolicy::Paper}}};
-constexpr std::array<std::pair<const char*, ChangeMode>, 3> kChangeModes = {
-    {{"off", ChangeMode::Off}, {"block", ChangeMode::Block}, {"full", ChangeMode::Full}}};
 /// What live forgets after, and what is hardly ever meant: at 12 m a Mid-360 confirms a voxel of 10 mm every 3 s.
 constexpr double kFreeForLive_s = 60, kShortFreeFor_s = 10;
-constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
-    {{"auto", BackendKind::Auto}, {"cpu", BackendKind::Cpu}, {"cuda", BackendKind::Cuda}}};
 
 }  // namespace
 
@@ -253,7 +256,7 @@ namespace {
 /// What --change and --static say; nothing if neither is given.
 std::optional<ChangeMode> givenChange(const MapOptions& options) {
   if (options.change.empty()) return options.still ? std::optional(ChangeMode::Off) : std::nullopt;
-  const ChangeMode mode = chooseWord("--change", options.change, kChangeModes);
+  const ChangeMode mode = chooseWord<ChangeMode>("--change", options.change);
   if (options.still && mode != ChangeMode::Off) {
     throw InvalidArgument("usage.change", "--change", "contradicts --static", "Omit one of them");
   }
@@ -319,8 +322,8 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
     params.change.mode = *change;
   }
   params.change.free_for_s = freeFor_s(options, params.change.mode);
-  if (!options.policy.empty()) params.update.policy = chooseWord("--policy", options.policy, kPolicies);
-  params.backend = chooseWord("--device", options.common.device, kDevices);
+  if (!options.policy.empty()) params.update.policy = chooseWord<UpdatePolicy>("--policy", options.policy);
+  params.backend = chooseWord<BackendKind>("--device", options.common.device);
   params.threads = options.common.threads;
   params.mirror_distance = options.mirror_distance;
   params.origin_W = givenOrigin(options);
