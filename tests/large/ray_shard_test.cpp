@@ -61,7 +61,7 @@ class RayShard : public ::testing::Test {
       ADD_FAILURE() << "the index has other numbers";
     }
     RayBlock block;
-    for (const Segment& segment : index.segments) {
+    for (const ShardSegment& segment : index.segments) {
       std::uint64_t returns = 0;
       SegmentReader reader(file_, segment);
       while (reader.next(block)) {

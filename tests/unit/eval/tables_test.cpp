@@ -23,11 +23,11 @@ std::string contentOf(const fs::path& path) {
   return text.str();
 }
 
-TableRow someRow(Column column, std::uint64_t tp, std::uint64_t fp, std::uint64_t fn, std::uint64_t tn) {
+TableRow someRow(TableColumn column, std::uint64_t tp, std::uint64_t fp, std::uint64_t fn, std::uint64_t tn) {
   TableRow row;
   row.table = "oracle";
   row.scene = "torus";
-  row.method = column == Column::Paper ? "paper" : "product";
+  row.method = column == TableColumn::Paper ? "paper" : "product";
   row.column = column;
   row.voxel_m = 0.001;
   row.figures = {tp, fp, fn, tn};
@@ -57,7 +57,7 @@ TEST(Confusion, FiguresAreThoseOfTheDefinition) {
 }
 
 TEST(TableRow, RequirementsHoldOrDoNot) {
-  TableRow row = someRow(Column::Product, 995, 5, 5, 1000);  // P = R = F1 = 99.5
+  TableRow row = someRow(TableColumn::Product, 995, 5, 5, 1000);  // P = R = F1 = 99.5
   EXPECT_FALSE(row.met().has_value());
   row.must = Requirement::atLeast(99.5);
   EXPECT_TRUE(row.met().value());
@@ -74,7 +74,7 @@ TEST(TableRow, RequirementsHoldOrDoNot) {
 
 TEST(TableFiles, RowsAreAsTheInterfaceHasThem) {
   TableResults results;
-  results.rows = {someRow(Column::Paper, 90, 18, 0, 92), someRow(Column::Product, 100, 0, 0, 100)};
+  results.rows = {someRow(TableColumn::Paper, 90, 18, 0, 92), someRow(TableColumn::Product, 100, 0, 0, 100)};
   results.rows[0].must = Requirement::near(Requirement::Figure::F1, 90.8, 4);
   results.rows[1].must = Requirement::atLeast(99.5);
   results.rows[1].more = {{"labels_unlike_batch", 0}};
