@@ -16,9 +16,12 @@ declared=$(grep -oE '\baccessvdb_[a-z0-9_]+\(' "$headers/c_api.h" | tr -d '(' | 
 exported=$(grep -E '^accessvdb_' <<<"$symbols" | LC_ALL=C sort -u)
 diff <(echo "$declared") <(echo "$exported") || { echo "the C functions differ: < declared, > exported"; bad=1; }
 
+files=$(find "$headers" -name '*.h')
 # C++: only names of namespaces and classes that a public header marks with ACCESSVDB_API.
-classes=$(grep -ohE '(class|struct) ACCESSVDB_API [A-Za-z0-9]+' "$headers"/*.h "$headers"/program/*.h | awk '{ print $3 }')
-functions=$(grep -ohE 'ACCESSVDB_API [^;(]*[ &*][A-Za-z0-9_]+\(' "$headers"/*.h "$headers"/program/*.h | sed -E 's/.*[ &*]([A-Za-z0-9_]+)\($/\1/')
+# shellcheck disable=SC2086  # one word per file
+classes=$(grep -ohE '(class|struct) ACCESSVDB_API [A-Za-z0-9]+' $files | awk '{ print $3 }')
+# shellcheck disable=SC2086
+functions=$(grep -ohE 'ACCESSVDB_API [^;(]*[ &*][A-Za-z0-9_]+\(' $files | sed -E 's/.*[ &*]([A-Za-z0-9_]+)\($/\1/')
 public=$(printf '%s\n' "$classes" "$functions" | grep -v '^accessvdb_' | LC_ALL=C sort -u | paste -sd '|')
 foreign=$(grep -vE '^accessvdb_' <<<"$symbols" | c++filt |
   grep -vE "^((typeinfo|typeinfo name|vtable|guard variable) for )?accessvdb::((io|tiles)::)?($public)(\b|\[)" || true)

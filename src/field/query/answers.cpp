@@ -80,6 +80,7 @@ std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field) {
 SurfacePoint scoredPoint(const FieldStages& field, std::uint32_t id) {
   std::vector<SurfacePoint> each;
   for (std::size_t k = 0; k < field.tools.size(); ++k) each.push_back(scoredPoint(scoredFor(field, k), id));
+  if (each.size() == 1) return each.front();  // of one tool alone, points do not say which
   return pointOfTools(each, field.tools.collisionLimits());
 }
 
