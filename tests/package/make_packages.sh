@@ -22,7 +22,7 @@ tarball=$(echo "$out"/accessvdb-"$VERSION"-linux-*.tar.xz)
 
 # The files contain only known kinds of files: no scans, no fields, no tests.
 known='/$|/(bin|programs)/(accessvdb|accessvdb-lab|make_sample_scans)$|/run$|/README(\.md)?$|/CHANGELOG\.md$|/licences\.md$|/LICENSE$'
-known+='|/licences/(common-licenses/)?[A-Za-z0-9.+-]+$|/lib[A-Za-z0-9_.+-]*\.(so[.0-9]*|a)$|/include/accessvdb/(device/)?[a-z_]+\.h$'
+known+='|/licences/(common-licenses/)?[A-Za-z0-9.+-]+$|/lib[A-Za-z0-9_.+-]*\.(so[.0-9]*|a)$|/include/accessvdb/((device|program)/)?[a-z_]+\.h$'
 known+='|/cmake/AccessVDB/AccessVDB[A-Za-z-]+\.cmake$|/pkgconfig/accessvdb\.pc$'
 for file in "$out"/*; do
   case $file in *.deb) dpkg-deb --fsys-tarfile "$file" | tar -t ;; *) tar -tJf "$file" ;; esac
