@@ -4,13 +4,14 @@
 
 import json
 import os
+import re
 import struct
 import unittest
 
 import numpy as np
 
 from accessvdb_import.field_folder import FieldFolder, tool_of_run
-from accessvdb_import.points_ply import COLUMNS, FieldError, read_points
+from accessvdb_import.points_ply import COLUMNS, LABELS, REASONS, FieldError, read_points
 from field_under_test import FIELD, POINTS, WORK, run_tests
 
 # Layout of a record as in docs/file_formats.md, deliberately repeated here.
@@ -37,6 +38,13 @@ class PointsReader(unittest.TestCase):
         self.assertGreater(len(points), 1000)
         for row, values in enumerate(_RECORD.iter_unpack(body)):
             self.assertEqual(values, tuple(points.records[row][name].item() for name in COLUMNS))
+
+    def test_every_reason_and_label_is_known(self):
+        header = os.path.join(os.path.dirname(__file__), "../../include/accessvdb/point_label.h")
+        with open(header, encoding="utf-8") as stream:
+            lists = re.findall(r"kNames\[\w+\] = \{([^}]*)\}", stream.read())
+        labels, reasons = (tuple(re.findall(r'"(\w+)"', text)) for text in lists)
+        self.assertEqual((LABELS, REASONS), (labels, reasons))
 
     def test_counts_are_those_of_the_report(self):
         with open(os.path.join(FIELD, "report.json"), encoding="utf-8") as stream:
