@@ -126,7 +126,7 @@ std::uint64_t ToolsOfField::hostBytes() const {
   for (const auto& tool : tools_) {
     bytes += tool->setup.hostBytes();
     if (tool->scorer) bytes += tool->scorer->hostBytes();
-    if (tool->own_points && tool != tools_.front()) bytes += tool->own_points->bytes();
+    if (tool->own_points) bytes += tool->own_points->bytes();
   }
   return bytes;
 }

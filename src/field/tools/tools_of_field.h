@@ -82,7 +82,7 @@ class ToolsOfField {
   [[nodiscard]] std::vector<SavedTool> saved() const;
 
   // After a device failed during forget(), tools may lack a scorer.
-  [[nodiscard]] std::uint64_t hostBytes() const;  ///< without the first tool's store
+  [[nodiscard]] std::uint64_t hostBytes() const;  ///< with the stores of points
   [[nodiscard]] std::uint64_t deviceBytes() const;
 
  private:

@@ -289,11 +289,12 @@ class TempFile {
     for (int attempt = 0; attempt < kTempNameAttempts; ++attempt) {
       temp_ = folderOf(target) /
               std::string(".").append(target.filename().string()).append(".").append(randomHex()).append(".tmp");
+      unfinished_ = unfinished_files.add(temp_);  // before it is there: a signal may come between
       fd_ = ::open(temp_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
-      if (fd_ >= 0 && markAsWritten(fd_)) {
-        unfinished_ = unfinished_files.add(temp_);
-        return;
-      }
+      if (fd_ >= 0 && markAsWritten(fd_)) return;
+      const int error = errno;
+      unfinished_files.remove(unfinished_);
+      errno = error;
       if (fd_ >= 0) {
         ::close(std::exchange(fd_, -1));
       } else if (errno != EEXIST && errno != EINTR) {

@@ -88,7 +88,9 @@ void requireDistinct(const Paths& outputs) {
   std::map<FileId, const fs::path*> by_id;
   for (const fs::path& output : outputs) {
     if (output.empty() || io::isStream(output)) continue;
-    const fs::path* other = by_place.emplace(placeOf(output), &output).first->second;
+    const fs::path place = placeOf(output);
+    if (place.empty()) continue;  // what is wrong with it is said where it is written
+    const fs::path* other = by_place.emplace(place, &output).first->second;
     if (const auto id = idOf(output); id && other == &output) other = by_id.emplace(*id, &output).first->second;
     if (other == &output) continue;
     throw InvalidArgument("output.twice", output.string(),

@@ -66,6 +66,8 @@ void endClean(int signal) {
   if (getpid() != own_process) return endBy(signal);  // a child that reads a mesh
   if (!stop_signal.compare_exchange_strong(none, signal)) return;
   io::removeUnfinishedFiles();
+  std::signal(SIGALRM, SIG_DFL);  // nobody may be reading what follows
+  ::alarm(1);
   if (!quiet) {
     write(json_lines ? "{\"level\":\"notice\",\"text\":\"stopped by " : "accessvdb: stopped by ");
     write(stopSignalName());
