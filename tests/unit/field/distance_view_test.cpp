@@ -10,6 +10,8 @@
 
 #include "accessvdb/device_view.h"
 #include "accessvdb/tsdf_volume.h"
+#include "field/field_access.h"
+#include "points/point_store.h"
 #include "support/query_world.h"
 
 namespace accessvdb::test {
@@ -65,6 +67,7 @@ void follow(const FieldParams& params) {
     leaves = field.hostView().distance.grid->tree().nodeCount(0);
   }
   EXPECT_GT(field.memoryUse().distance_mirror_bytes, 2144 * leaves);
+  EXPECT_GT(field.memoryUse().point_host_bytes, internal::FieldAccess::points(field).bytes());
 }
 
 TEST(DistanceView, EqualsTheMapAfterEveryScan) { follow(paramsOf(0.05)); }
