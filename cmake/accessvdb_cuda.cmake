@@ -1,11 +1,7 @@
 # Whether this build has the CUDA backend: option ACCESSVDB_CUDA, result ACCESSVDB_HAS_CUDA.
 # One binary runs with and without a GPU: the runtime is linked statically, the driver is loaded at run time.
 
-set(ACCESSVDB_CUDA AUTO CACHE STRING "Build the CUDA backend: AUTO (if nvcc is found), ON or OFF")
-set_property(CACHE ACCESSVDB_CUDA PROPERTY STRINGS AUTO ON OFF)
-if(NOT ACCESSVDB_CUDA MATCHES "^(AUTO|ON|OFF)$")
-  message(FATAL_ERROR "ACCESSVDB_CUDA is '${ACCESSVDB_CUDA}'. Use AUTO (if nvcc is found), ON or OFF.")
-endif()
+accessvdb_choice(ACCESSVDB_CUDA "Build the CUDA backend" "nvcc is found")
 # Jetson Orin, Ada, Hopper; the last one also as PTX, for later architectures.
 set(ACCESSVDB_CUDA_ARCHITECTURES "87-real;89-real;90" CACHE STRING "GPU architectures to build for, as in CMAKE_CUDA_ARCHITECTURES")
 

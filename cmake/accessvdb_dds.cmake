@@ -1,10 +1,6 @@
 # Whether the program of this build has the verb `live`, which needs a middleware: option ACCESSVDB_DDS, result
 # ACCESSVDB_HAS_DDS. The library does not need it (accessvdb/live_session.h).
-set(ACCESSVDB_DDS AUTO CACHE STRING "The verb live, over DDS: AUTO (if Fast DDS is found), ON or OFF")
-set_property(CACHE ACCESSVDB_DDS PROPERTY STRINGS AUTO ON OFF)
-if(NOT ACCESSVDB_DDS MATCHES "^(AUTO|ON|OFF)$")
-  message(FATAL_ERROR "ACCESSVDB_DDS is '${ACCESSVDB_DDS}'. Use AUTO (if Fast DDS is found), ON or OFF.")
-endif()
+accessvdb_choice(ACCESSVDB_DDS "The verb live, over DDS" "Fast DDS is found")
 
 set(ACCESSVDB_HAS_DDS OFF)
 if(NOT ACCESSVDB_DDS STREQUAL "OFF" AND (ACCESSVDB_BUILD_TOOLS OR ACCESSVDB_BUILD_TESTS))

@@ -8,11 +8,7 @@ endif()
 
 # PCL is only used by tests and an example; the library reads PCD files itself. Nothing installed depends on it except
 # accessvdb/pcl.h, which is for users of PCL.
-set(ACCESSVDB_PCL AUTO CACHE STRING "Tests and the example that use PCL: AUTO (if PCL is found), ON or OFF")
-set_property(CACHE ACCESSVDB_PCL PROPERTY STRINGS AUTO ON OFF)
-if(NOT ACCESSVDB_PCL MATCHES "^(AUTO|ON|OFF)$")
-  message(FATAL_ERROR "ACCESSVDB_PCL is '${ACCESSVDB_PCL}'. Use AUTO (if PCL is found), ON or OFF.")
-endif()
+accessvdb_choice(ACCESSVDB_PCL "Tests and the example that use PCL" "PCL is found")
 set(ACCESSVDB_HAS_PCL OFF)
 if(NOT ACCESSVDB_PCL STREQUAL "OFF" AND PROJECT_IS_TOP_LEVEL AND (ACCESSVDB_BUILD_TESTS OR ACCESSVDB_BUILD_EXAMPLES))
   set(CMAKE_DISABLE_FIND_PACKAGE_VTK ON)  # the parts of PCL used here do not need it, and it would be linked

@@ -1,10 +1,6 @@
 # Whether this build has the lab, tools/lab: option ACCESSVDB_LAB, result ACCESSVDB_HAS_LAB. It simulates scans and
 # measures the product with them. Nothing else needs Embree and Qhull; the tests need the lab.
-set(ACCESSVDB_LAB AUTO CACHE STRING "The lab and its program accessvdb-lab: AUTO (if Embree and Qhull are found), ON or OFF")
-set_property(CACHE ACCESSVDB_LAB PROPERTY STRINGS AUTO ON OFF)
-if(NOT ACCESSVDB_LAB MATCHES "^(AUTO|ON|OFF)$")
-  message(FATAL_ERROR "ACCESSVDB_LAB is '${ACCESSVDB_LAB}'. Use AUTO (if Embree and Qhull are found), ON or OFF.")
-endif()
+accessvdb_choice(ACCESSVDB_LAB "The lab and its program accessvdb-lab" "Embree and Qhull are found")
 
 set(ACCESSVDB_HAS_LAB OFF)
 if(NOT ACCESSVDB_LAB STREQUAL "OFF" AND (ACCESSVDB_BUILD_TOOLS OR ACCESSVDB_BUILD_TESTS))

@@ -1,10 +1,6 @@
 # Whether this build has the Python module: option ACCESSVDB_PYTHON, result ACCESSVDB_HAS_PYTHON.
 
-set(ACCESSVDB_PYTHON AUTO CACHE STRING "Build the Python module: AUTO (if Python and pybind11 are found), ON or OFF")
-set_property(CACHE ACCESSVDB_PYTHON PROPERTY STRINGS AUTO ON OFF)
-if(NOT ACCESSVDB_PYTHON MATCHES "^(AUTO|ON|OFF)$")
-  message(FATAL_ERROR "ACCESSVDB_PYTHON is '${ACCESSVDB_PYTHON}'. Use AUTO (if Python and pybind11 are found), ON or OFF.")
-endif()
+accessvdb_choice(ACCESSVDB_PYTHON "Build the Python module" "Python and pybind11 are found")
 
 set(ACCESSVDB_HAS_PYTHON OFF)
 if(ACCESSVDB_PYTHON STREQUAL "AUTO" AND NOT PROJECT_IS_TOP_LEVEL)
