@@ -34,7 +34,7 @@ inline tbb::task_arena makeArena(int threads) {
   return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
 }
 
-/// How far the labels are behind the map.
+/// What was done so far, and how far the labels are behind the map.
 struct LabelState {
   double noted_ms = 0;        ///< noting what scans since the last update changed in the map
   std::uint64_t scans = 0;    ///< integrated

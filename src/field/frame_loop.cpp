@@ -91,7 +91,7 @@ void passTime(FieldStages& field, double passed_s, FrameStats& stats) {
   const std::vector<std::span<const LeafChange>> aged = ageFreeSpace(field, passed_s);
   if (aged.empty()) return;
   field.scheduler->noteChangesAlone(aged);
-  field.mirrors.takeAged(aged, stats);
+  field.mirrors.takeFacts(aged, stats);
 }
 
 UpdateStats update(FieldStages& field, const BackgroundUpdate::ReleaseMap& release_map) {

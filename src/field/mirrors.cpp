@@ -25,11 +25,7 @@ std::unique_ptr<DistanceMirror> Mirrors::makeDistances() const {
 void Mirrors::take(const MapChangesOfScan& changes, FrameStats& stats) {
   if (!changes.aged.empty()) facts_.applyLists(changes.aged);
   if (!changes.opened.empty()) facts_.apply(changes.opened);
-  const kernels::Stopwatch mirroring;
-  facts_.applyLists(changes.fused.changes);
-  for (const auto& part : changes.fused.changes) stats.changed_leaves += part.size();
-  stats.mirror_bytes = facts_.lastTraffic().bytes_written;
-  stats.mirror_ms = mirroring.milliseconds();
+  takeFacts(changes.fused.changes, stats);
   if (distances_) takeDistances(changes, stats);
 }
 
@@ -47,10 +43,10 @@ void Mirrors::takeDistances(const MapChangesOfScan& changes, FrameStats& stats) 
   stats.distance_mirror_ms = mirroring.milliseconds();
 }
 
-void Mirrors::takeAged(std::span<const std::span<const LeafChange>> aged, FrameStats& stats) {
+void Mirrors::takeFacts(std::span<const std::span<const LeafChange>> facts, FrameStats& stats) {
   const kernels::Stopwatch mirroring;
-  facts_.applyLists(aged);
-  for (const auto& part : aged) stats.changed_leaves += part.size();
+  facts_.applyLists(facts);
+  for (const auto& part : facts) stats.changed_leaves += part.size();
   stats.mirror_bytes = facts_.lastTraffic().bytes_written;
   stats.mirror_ms = mirroring.milliseconds();
 }

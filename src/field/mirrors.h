@@ -47,8 +47,8 @@ class Mirrors {
 
   /// Call when the map has all of the scan. @param stats  of the mirrors, filled in
   void take(const MapChangesOfScan& changes, FrameStats& stats);
-  /// Free space that became unknown without a scan.
-  void takeAged(std::span<const std::span<const LeafChange>> aged, FrameStats& stats);
+  /// What changed without a scan. @param stats  as above
+  void takeFacts(std::span<const std::span<const LeafChange>> facts, FrameStats& stats);
   /// Leaves of a saved map, or what was left out of one.
   void take(std::span<const LeafChange> facts, std::span<const DistanceChange> distances);
   /// After a removal, which may also have taken distances away. That mirror cannot, so it is made again.

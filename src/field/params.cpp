@@ -45,7 +45,8 @@ std::string text(const Value& value) {
   if constexpr (std::is_same_v<Value, bool>) {
     return value ? "true" : "false";
   } else if constexpr (std::is_enum_v<Value>) {
-    return kEnumWords<Value>[static_cast<std::size_t>(value)];
+    // resolved() does not ask whether the number of an enum is one of its values.
+    return kEnumWords<Value>[std::min(static_cast<std::size_t>(value), kEnumWords<Value>.size() - 1)];
   } else if constexpr (std::is_same_v<Value, std::array<double, 3>>) {
     return text(value[0]) + " " + text(value[1]) + " " + text(value[2]);
   } else {

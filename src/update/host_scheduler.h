@@ -44,7 +44,7 @@ class HostScheduler : public UpdateScheduler {
   [[nodiscard]] bool findBlocks(std::uint32_t leaf_group, LeafGroupBlocks& found) const;
 
   PointScorer& scorer_;
-  std::function<ScoringTables(const kernels::OccupancyGrid* mirror)> tables_;
+  MakeTables tables_;
   LeafFootprint footprint_;
   std::shared_ptr<ScanChanges> changes_;
 };

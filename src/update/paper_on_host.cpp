@@ -94,7 +94,7 @@ class PaperOnHost final : public UpdateScheduler {
   }
 
   PointScorer& scorer_;
-  std::function<ScoringTables(const kernels::OccupancyGrid* mirror)> tables_;
+  MakeTables tables_;
   PaperTriggers triggers_;
   CandidateDirections directions_;
   Backlog backlog_;

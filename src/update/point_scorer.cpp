@@ -22,7 +22,7 @@ PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, 
       backend_(backend),
       reads_(std::move(reads)),
       search_(points, resolved),
-      device_(backend, (points.numDirections() + 63) / 64, resolved.approach.rolls > 1) {}
+      device_(backend, points.directionWords(), resolved.approach.rolls > 1) {}
 
 void PointScorer::grow() {
   device_.grow(points_.size());

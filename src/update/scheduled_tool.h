@@ -18,11 +18,14 @@ struct HostTables {
   kernels::ApproachView approach;
 };
 
+/// Makes a tool's tables for an update. @param mirror  in the backend's memory
+using MakeTables = std::function<ScoringTables(const kernels::OccupancyGrid* mirror)>;
+
 /// A tool that is scored: its state of the points, and its tables. What these refer to must outlive the scheduler.
 struct ScheduledTool {
   PointScorer& scorer;
   HostTables host;
-  std::function<ScoringTables(const kernels::OccupancyGrid* mirror)> tables;
+  MakeTables tables;
   std::size_t views_of = 0;            ///< number of the tool whose points it reads: its own, or a lower one
   PointStore* adds_returns = nullptr;  ///< to which the scheduler adds the returns of scans; null: others do so
 };

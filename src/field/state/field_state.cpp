@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/state/field_state.h"
 
-#include <span>
-
 #include "accessvdb/config.h"
 #include "field/frame_loop.h"
 #include "field/state/rules_version.h"

@@ -157,7 +157,9 @@ void visitParams(Code& code, Params& params) {
     if constexpr (ParamStruct<Value>) {
       visitParams(code, value);
     } else if constexpr (Row::template is<&FieldParams::window>) {
-      if (code.has(value)) visitAll(code, value->core_low, value->core_high);
+      if (!code.has(value)) return;
+      auto& [core_low, core_high] = *value;  // by name: a new field does not compile before it has a place here
+      visitAll(code, core_low, core_high);
     } else if constexpr (Row::template is<&FieldParams::origin_W>) {
       if (code.has(value)) code(*value);
     } else if constexpr (!kSkipped<Row>) {

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <span>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -32,21 +33,11 @@ bool hasFacts(const LeafChange& facts) {
 /// @param words  of seen directions; 0 with viewpoints
 StoredPoint pointFrom(const char* from, std::size_t words) {
   StoredPoint point = {};
-  const auto take = [&from](void* to, std::size_t bytes) {
+  const std::span<std::uint64_t> seen = words == 0 ? std::span<std::uint64_t>() : point.seen.clearWords(words);
+  visitStoredPoint(point, seen, [&from](void* to, std::size_t bytes) {
     std::memcpy(to, from, bytes);
     from += bytes;
-  };
-  take(point.first_L.data(), 3 * sizeof(float));
-  take(point.sums.offset.data(), sizeof point.sums.offset);
-  take(point.sums.sensor.data(), sizeof point.sums.sensor);
-  take(&point.sums.returns, sizeof point.sums.returns);
-  if (words == 0) {
-    Viewpoints& views = point.seen.views;
-    take(&views.count, sizeof views.count);
-    take(views.pose.data(), sizeof views.pose);
-  } else {
-    take(point.seen.clearWords(words).data(), words * sizeof(std::uint64_t));
-  }
+  });
   return point;
 }
 
@@ -107,7 +98,7 @@ void StateReader::readViews(const PointStore& points, std::span<PointStore* cons
   std::vector<StoredPoint> block;
   std::vector<std::uint64_t> seen;
   for (PointStore* store : stores) {
-    const auto words = static_cast<std::size_t>((store->numDirections() + 63) / 64);
+    const auto words = static_cast<std::size_t>(store->directionWords());
     for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {
       block.resize(std::min<std::uint64_t>(head_.points - first, kPointsRead));
       seen.resize(block.size() * words);

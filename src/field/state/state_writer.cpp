@@ -52,21 +52,10 @@ void writePoses(SectionWriter& out, const StateHead& head, const PointStore& poi
 
 /// @param words  of seen directions; 0 with viewpoints
 void putPoint(const StoredPoint& point, std::size_t words, char* to) {
-  const auto put = [&to](const void* data, std::size_t bytes) {
+  visitStoredPoint(point, point.seen.words().first(words), [&to](const void* data, std::size_t bytes) {
     std::memcpy(to, data, bytes);
     to += bytes;
-  };
-  put(point.first_L.data(), 3 * sizeof(float));
-  put(point.sums.offset.data(), sizeof point.sums.offset);
-  put(point.sums.sensor.data(), sizeof point.sums.sensor);
-  put(&point.sums.returns, sizeof point.sums.returns);
-  if (words == 0) {
-    const Viewpoints& views = point.seen.views;
-    put(&views.count, sizeof views.count);
-    put(views.pose.data(), sizeof views.pose);
-  } else {
-    put(point.seen.words().data(), words * sizeof(std::uint64_t));
-  }
+  });
 }
 
 void writePoints(SectionWriter& out, const StateHead& head, const PointStore& points) {
@@ -91,7 +80,7 @@ void writePoints(SectionWriter& out, const StateHead& head, const PointStore& po
 void writeViews(SectionWriter& out, const StateHead& head, std::span<PointStore* const> stores) {
   out.begin("views", head.points * viewBytesPerPoint(head));
   for (const PointStore* store : stores) {
-    const auto words = static_cast<std::size_t>((store->numDirections() + 63) / 64);
+    const auto words = static_cast<std::size_t>(store->directionWords());
     std::vector<std::uint64_t> block;
     for (std::uint64_t first = 0; first < head.points; first += kPointsWritten) {
       const std::size_t count = std::min<std::size_t>(head.points - first, kPointsWritten);

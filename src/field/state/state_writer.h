@@ -28,6 +28,18 @@ inline constexpr std::uint64_t kLeafBeforeBytes = sizeof(LeafBits);
 inline constexpr std::uint32_t kHasValues = 1, kHasVotes = 2, kHasBefore = 4;  ///< flags of a leaf
 inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
 [[nodiscard]] std::uint64_t storedPointBytes(const FieldParams& params);
+/// Calls visit(data, bytes) for all that a state holds of a point, in its order.
+/// @param words  its seen directions; empty with viewpoints
+template <typename Point, typename Words, typename Visit>
+void visitStoredPoint(Point& point, Words words, const Visit& visit) {
+  visit(point.first_L.data(), 3 * sizeof(float));
+  visit(point.sums.offset.data(), sizeof point.sums.offset);
+  visit(point.sums.sensor.data(), sizeof point.sums.sensor);
+  visit(&point.sums.returns, sizeof point.sums.returns);
+  if (!words.empty()) return visit(words.data(), words.size_bytes());
+  visit(&point.seen.views.count, sizeof point.seen.views.count);
+  visit(point.seen.views.pose.data(), sizeof point.seen.views.pose);
+}
 
 /// Of ChangeMode::Full: a leaf's cells, and a point of GonePoints.
 inline constexpr std::uint64_t kLeafCellBytes = 3 * sizeof(std::int32_t) + sizeof(LeafCells);
@@ -44,7 +56,7 @@ void visitStored(Cell& cell, Number& verdict, const Visit& visit) {
   visit(verdict);
 }
 inline constexpr std::uint64_t kGonePointBytes = 2 * sizeof(std::uint32_t);
-/// Of what was left out: a leaf's voxels, and a closed cell.
+/// Of what was left out: a leaf's voxels, and a closed cube.
 inline constexpr std::uint64_t kLeftOutLeafBytes = 3 * sizeof(std::int32_t) + sizeof(LeafBits);
 inline constexpr std::uint64_t kClosedCubeBytes = sizeof(LeftOutPoints::Cube);
 /// Bytes of all sections for ChangeMode::Full, with their frames; 0 for other modes.

@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/tools/tools_of_field.h"
 
-#include <algorithm>
-#include <span>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -114,7 +112,7 @@ std::vector<SavedTool> ToolsOfField::saved() const {
   for (std::size_t k = 0; k < size(); ++k) {
     const ToolSpec& spec = specs_[k];
     const bool own_views = k > 0 && tools_[k]->own_points != nullptr;
-    const int words = own_views ? (tools_[k]->points->numDirections() + 63) / 64 : 0;
+    const int words = own_views ? tools_[k]->points->directionWords() : 0;
     saved.push_back({spec.name, spec.tool.sha256(), spec.orientations.text(), spec.rolls, spec.max_collisions,
                      static_cast<std::uint32_t>(words)});
   }
