@@ -32,6 +32,26 @@ TEST_F(CommandLine, EveryVerbHelpsWithAnExample) {
     EXPECT_NE(overview.out.find(verb), std::string::npos);
 }
 
+/// One file of settings serves all verbs of both programs.
+TEST_F(CommandLine, SettingsMayBeForAnyVerb) {
+  std::vector<std::string> verbs;
+  for (const std::string& overview : {runProgram({"--help"}).out, runLab({"--help"}).out}) {
+    std::istringstream lines(overview.substr(overview.find("Verbs:\n") + 7));
+    for (std::string line; std::getline(lines, line) && line.starts_with("  ");) {
+      verbs.push_back(line.substr(2, line.find(' ', 2) - 2));
+    }
+  }
+  EXPECT_GT(verbs.size(), 12u);
+  verbs.push_back("evaluate");  // the old spelling of consistency
+  for (const std::string& verb : verbs) {
+    writeText("config.toml", "[" + verb + "]\n");
+    const ProgramResult result = runProgram({"map", "--config", path("config.toml"), "--print-config"});
+    EXPECT_EQ(result.exit_code, 0) << verb << ": " << result.err;
+  }
+  writeText("config.toml", "[no_verb]\n");
+  EXPECT_EQ(runProgram({"map", "--config", path("config.toml"), "--print-config"}).exit_code, 2);
+}
+
 /// Each flag has the heading that it has in every other verb.
 TEST_F(CommandLine, HelpOfManyFlagsHasHeadings) {
   constexpr std::array<std::string_view, 7> kOrder = {
