@@ -71,7 +71,8 @@ struct ScanWarning {
   std::string text;
 };
 
-/// One integration step: either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).
+/// One integration step: either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all). A deskewed scan
+/// is the latter; T_W_S is then the sensor's pose at stamp_s.
 struct ScanRecord {
   std::vector<Eigen::Vector3f> points_S;
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
@@ -105,6 +106,9 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] ScanRecord read(std::size_t step);  ///< @throws InputError naming the file
   /// Time of a step, without reading it: of the scan, or of a cloud's first return. Nothing where unknown.
   [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const;
+  /// The pose of a step as it was given, T_W_B, or the one `shift_s` later: without ScanInputOptions::T_B_S and level.
+  /// Nothing for clouds in the world frame, and where no pose is at that time.
+  [[nodiscard]] std::optional<Eigen::Isometry3d> givenPose(std::size_t step, double shift_s = 0) const;
   [[nodiscard]] std::string path(std::size_t step) const;          ///< the file of a step, without reading it
   [[nodiscard]] const std::vector<std::string>& notices() const;   ///< frame, quaternion order, matching rule, repairs
   [[nodiscard]] const std::vector<ScanWarning>& warnings() const;  ///< not among the notices

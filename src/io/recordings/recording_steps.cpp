@@ -334,6 +334,17 @@ std::optional<RecordingSteps::Posed> RecordingSteps::poseAt(std::uint32_t frame,
   return levelled(posed);
 }
 
+std::optional<Eigen::Isometry3d> RecordingSteps::givenPose(std::size_t step, double shift_s) const {
+  const IndexedCloud& cloud = steps_.at(step);
+  if (uses_[cloud.frame].registered) return std::nullopt;
+  const auto posed = poseAt(cloud.frame, cloud.stamp_ns + static_cast<std::int64_t>(std::llround(shift_s * 1e9)));
+  if (!posed) return std::nullopt;
+  Eigen::Isometry3d T_W_B = posed->T_W_sensor;
+  if (R_L_W_) T_W_B = Eigen::Isometry3d(R_L_W_->transpose()) * T_W_B;
+  if (T_B_S_) T_W_B = T_W_B * T_B_S_->inverse();
+  return T_W_B;
+}
+
 void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options) {
   constexpr double kMostOffset_s = 4e9;
   if (!(std::abs(options.time_offset_s) <= kMostOffset_s))

@@ -67,7 +67,6 @@ MovedScan removeMotion(const TimedScan& scan, const PoseAtMillisecond& poseAt) {
 void takeMoved(MovedScan moved, ScanRecord& record) {
   record.points_W = std::move(moved.points_W);
   record.origins_W = std::move(moved.origins_W);
-  record.T_W_S = Eigen::Isometry3d::Identity();
   record.excluded_points = moved.excluded;
   record.unposed_points = moved.unposed;
   record.deskewed = true;

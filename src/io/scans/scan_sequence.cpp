@@ -270,7 +270,19 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     track = std::move(found.track);
     for (PoseEntry& pose : track) ofSensor(pose.T_W_S);
     chooseTimes();
-    if (!scale) track = {};
+  }
+
+  /// Without what was added to the poses as they were given: the extrinsic, and the turn that levels them.
+  [[nodiscard]] std::optional<Eigen::Isometry3d> givenPose(std::size_t step, double shift_s) const {
+    if (recording) return recording->givenPose(step, shift_s);
+    if (clouds) return std::nullopt;
+    std::optional<Eigen::Isometry3d> T_W_S = poses[step].T_W_S;
+    if (shift_s != 0) T_W_S = interpolatePose(track, poses[step].stamp_s + shift_s);
+    if (!T_W_S) return std::nullopt;
+    if (options.level)
+      T_W_S = Eigen::Isometry3d(levellingOf(options.level->roll_rad, options.level->pitch_rad).transpose()) * *T_W_S;
+    if (options.T_B_S) T_W_S = *T_W_S * options.T_B_S->inverse();
+    return T_W_S;
   }
 
   /// Whether motion within scans can be removed.
@@ -413,6 +425,11 @@ std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
   if (impl_->clouds) return impl_->clouds->stamp_s(step);
   if (!impl_->stamped) return std::nullopt;
   return impl_->poses[step].stamp_s;
+}
+
+std::optional<Eigen::Isometry3d> ScanSequence::givenPose(std::size_t step, double shift_s) const {
+  impl_->checkStep(step);
+  return impl_->givenPose(step, shift_s);
 }
 
 bool ScanSequence::deskews() const { return impl_->recording ? impl_->recording->deskews() : impl_->scale.has_value(); }

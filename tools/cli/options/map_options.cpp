@@ -76,6 +76,7 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
   addFieldOptions(flags, options);
   flags.option("--every", &options.every, "use every n-th scan");
   flags.flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
+  flags.flag("--allow-disagreement", options.allow_disagreement, "map scans that do not agree with each other");
   flags.flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
   addSurveyOptions(flags, options.survey);
   addRecordingOptions(flags, options.recording);

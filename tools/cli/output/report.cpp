@@ -78,6 +78,19 @@ Json jsonLive(const LiveReport& live) {
       {"latency_ms", {{"p50", status.latency_p50_ms}, {"p99", status.latency_p99_ms}, {"max", status.latency_max_ms}}}};
 }
 
+Json jsonAgreement(const io::ScanAgreement& agreement) {
+  Json json = {{"verdict", io::name(agreement.verdict)}, {"scans", agreement.scans}};
+  if (!agreement.why_not.empty()) json["why_not"] = agreement.why_not;
+  if (agreement.pairs == 0) return json;
+  const io::AgreementCounts& counts = agreement.counts;
+  json["pairs"] = agreement.pairs;
+  json["agreeing"] = counts.agreeing;
+  json["contradicting"] = counts.contradicting;
+  json["hidden"] = counts.hidden;
+  json["beside"] = counts.beside;
+  return json;
+}
+
 }  // namespace
 
 std::string liveJson(const LiveReport& live) { return jsonText(jsonLive(live), -1); }
@@ -196,6 +209,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   if (!report.device_note_id.empty()) {
     json["device_note"] = {{"id", report.device_note_id}, {"text", report.device_note}};
   }
+  if (report.agreement) json["agreement"] = jsonAgreement(*report.agreement);
   if (report.resumed_after_scans) json["resumed_after_scans"] = *report.resumed_after_scans;
   if (report.predicted_bytes) json["memory"]["predicted_bytes"] = *report.predicted_bytes;
   for (const auto& [region, removal] : report.removals) {

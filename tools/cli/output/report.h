@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "accessvdb/live_session.h"
+#include "accessvdb/program/scan_agreement.h"
 #include "accessvdb/region.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/surface_points.h"
@@ -97,6 +98,7 @@ struct RunReport {
   StageTimes distance_mirror, distance_leaves, distance_mirror_bytes;
   std::optional<std::uint64_t> predicted_bytes;
   MemoryUse memory;
+  std::optional<io::ScanAgreement> agreement;
   std::vector<RemovalReport> removals;
   std::optional<TilesReport> tiles;
   std::optional<LiveReport> live;

@@ -14,6 +14,7 @@
 #include "options/tools_given.h"
 #include "output/output_files.h"
 #include "output/progress.h"
+#include "runs/agreement_check.h"
 #include "runs/memory_check.h"
 
 namespace accessvdb::tools {
@@ -23,9 +24,9 @@ namespace fs = std::filesystem;
 
 /// Flags that say where and how to run, not what to map.
 constexpr const char* kNotOfThePlan[] = {
-    "out",        "device",           "threads", "config", "quiet",     "error-format", "max-memory",
-    "tiles",      "bin-memory",       "fresh",   "help",   "keep-rays", "no-clobber",   "print-config",
-    "checkpoint", "checkpoint-every", "resume",  "append", "html",      "remove",       "removed-as"};
+    "out",        "device", "threads", "config",    "quiet",      "error-format",      "max-memory", "tiles",
+    "bin-memory", "fresh",  "help",    "keep-rays", "no-clobber", "print-config",      "checkpoint", "checkpoint-every",
+    "resume",     "append", "html",    "remove",    "removed-as", "allow-disagreement"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
@@ -276,6 +277,7 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
                 [](const auto& setting) { return !isIn(kOfAFlight, setting.first) && setting.first != "deskew"; });
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
+  static_cast<void>(checkAgreement(options, open.job.params.tsdf.range_noise_m, scans, messages));
   const PlanSources sources = {options, settings, open.tools, scans, open.job.params};
   tiles::Plan& plan = open.job.plan;
   plan.flights.push_back(flightOf(sources, settings));

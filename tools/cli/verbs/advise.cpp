@@ -15,6 +15,7 @@
 #include "output/progress.h"
 #include "output/run_summary.h"
 #include "output/stop_signal.h"
+#include "runs/agreement_check.h"
 #include "runs/cloud_survey.h"
 #include "runs/memory_check.h"
 #include "runs/tile_job.h"
@@ -175,6 +176,9 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   requireNoInputs({options.out}, inputsWith(options, scans));
   sayAboutScans(scans, messages);
+  static_cast<void>(checkAgreement(
+      options, options.range_noise_m.value_or(scans.recordedRangeNoise_m().value_or(TsdfParams{}.range_noise_m)), scans,
+      messages));
   const std::size_t stride = strideFor(scans);
   CloudSurvey survey;
   if (!forScans(scans, stride, "looking at scans", messages, [&](const io::ScanRecord& record) { survey.add(record); }))

@@ -24,6 +24,7 @@
 #include "output/report.h"
 #include "output/run_summary.h"
 #include "output/stop_signal.h"
+#include "runs/agreement_check.h"
 #include "runs/checkpoint.h"
 #include "runs/gpu_fallback.h"
 #include "runs/memory_check.h"
@@ -402,6 +403,7 @@ int MapRun::run() {
   setParameters(of_field, tools);
   sayChangeNotes(params, messages_);
   requireStamps(options_, params, scans, messages_);
+  report_.agreement = checkAgreement(options_, params.tsdf.range_noise_m, scans, messages_);
   report_.tools = reportedTools(options_, tools);
   const PlanSources sources = {options_, settings_, tools, scans, params};
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);

@@ -20,6 +20,7 @@
 #include "output/progress.h"
 #include "output/report.h"
 #include "output/stop_signal.h"
+#include "runs/agreement_check.h"
 #include "runs/memory_check.h"
 #include "runs/tile_job.h"
 #include "runs/tiled_map.h"
@@ -108,6 +109,7 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   if (const auto reason = whyNotInTiles(options, params)) {
     throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave that option out");
   }
+  static_cast<void>(checkAgreement(options, params.tsdf.range_noise_m, scans, messages));
   const PlanSettings settings = planSettings(flags);
   const PlanSources sources = {options, settings, tools, scans, params};
   std::int32_t edge = 0;

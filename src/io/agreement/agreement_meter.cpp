@@ -1,0 +1,299 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "accessvdb/program/scan_agreement.h"
+#include "io/agreement/pose_changes.h"
+#include "io/agreement/range_image.h"
+
+namespace accessvdb::io {
+namespace {
+
+constexpr std::size_t kReturnsKept = 20'000;  ///< of a scan, for its range image
+constexpr std::size_t kReturnsAsked = 128;    ///< of a scan, in each other scan
+constexpr std::size_t kReturnsTried = 32;     ///< the same for each change of the poses
+constexpr std::size_t kLeastReturns = 20;     ///< a scan with fewer says nothing
+/// Scans that are farther apart than this share of their range see other places, or the same ones from too far.
+constexpr double kNearShare = 0.75;
+/// With fewer answers, surface or free, chance decides.
+constexpr std::uint64_t kLeastAnswers = 100;
+
+// What was measured of right and wrong poses is in docs/evaluation.md, "Do the scans agree?": where poses are right, no
+// change of them gains more than 0.02.
+constexpr double kDoubtfulGain = 0.05, kDisagreeGain = 0.25;  ///< of the score, by a change of the poses
+/// Without a change that helps. Things that move, leaves and thin bars contradict, too.
+constexpr double kDoubtfulShare = 0.7, kDisagreeShare = 0.5;
+/// The changes that put all sensors near each other make neighbours alike, so they have to do better.
+constexpr double kCollapseGain = 0.3;
+
+/// Rays without a return are at the sensor, in clouds in the world frame too.
+constexpr float kNoReturn_m = 0.01F;
+
+struct Scan {
+  std::vector<Eigen::Vector3f> returns_S;  ///< relative to the sensor
+  Eigen::Isometry3d T_W_S;
+  AgreementMeter::PoseAt pose_at;
+  double median_range_m = 0;
+  std::unique_ptr<RangeImage> image;
+};
+
+struct Pair {
+  std::size_t from, to;
+};
+
+double medianOf(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Every n-th of them, so that at most `most` are left; spread over all.
+std::size_t strideFor(std::size_t count, std::size_t most) {
+  return std::max<std::size_t>(1, (count + most - 1) / most);
+}
+
+bool collapses(const PoseCure& change) { return change.fault == PoseFault::Unit && change.value < 0.1; }
+
+}  // namespace
+
+struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
+  float three_sigma_m = 0;
+  Eigen::Isometry3d T_B_S = Eigen::Isometry3d::Identity();
+  bool extrinsic = false;
+  std::vector<Scan> scans;
+  std::size_t others = 0;  ///< that cannot be compared
+
+  void makeImages() {
+    tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
+      if (!scans[i].image) scans[i].image = std::make_unique<RangeImage>(scans[i].returns_S);
+    });
+  }
+
+  [[nodiscard]] std::vector<Pair> nearPairs() const {
+    std::vector<Pair> pairs;
+    for (std::size_t i = 0; i < scans.size(); ++i) {
+      for (std::size_t j = 0; j < scans.size(); ++j) {
+        if (i == j) continue;
+        const double apart_m = (scans[i].T_W_S.translation() - scans[j].T_W_S.translation()).norm();
+        if (apart_m <= kNearShare * std::max(scans[i].median_range_m, scans[j].median_range_m)) pairs.push_back({i, j});
+      }
+    }
+    return pairs;
+  }
+  [[nodiscard]] std::vector<Pair> followingPairs() const {
+    std::vector<Pair> pairs;
+    for (std::size_t i = 0; i + 1 < scans.size(); ++i) {
+      pairs.push_back({i, i + 1});
+      pairs.push_back({i + 1, i});
+    }
+    return pairs;
+  }
+
+  /// Integer sums, so the order of the pairs does not matter.
+  [[nodiscard]] AgreementCounts count(const std::vector<Pair>& pairs, const std::vector<Eigen::Isometry3d>& T_W_S,
+                                      const std::vector<const RangeImage*>& images, std::size_t asked) const {
+    return tbb::parallel_reduce(
+        tbb::blocked_range<std::size_t>(0, pairs.size(), 4), AgreementCounts{},
+        [&](const tbb::blocked_range<std::size_t>& range, AgreementCounts counts) {
+          for (std::size_t n = range.begin(); n < range.end(); ++n) {
+            const Pair& pair = pairs[n];
+            const Eigen::Isometry3f T = (T_W_S[pair.to].inverse() * T_W_S[pair.from]).cast<float>();
+            const auto& returns_S = scans[pair.from].returns_S;
+            const std::size_t stride = strideFor(returns_S.size(), asked);
+            for (std::size_t k = 0; k < returns_S.size(); k += stride) {
+              switch (images[pair.to]->at(T * returns_S[k], three_sigma_m)) {
+                case RangeImage::Answer::Surface:
+                  ++counts.agreeing;
+                  break;
+                case RangeImage::Answer::Free:
+                  ++counts.contradicting;
+                  break;
+                case RangeImage::Answer::Hidden:
+                  ++counts.hidden;
+                  break;
+                case RangeImage::Answer::Nothing:
+                  ++counts.beside;
+              }
+            }
+          }
+          return counts;
+        },
+        [](AgreementCounts a, const AgreementCounts& b) {
+          a.agreeing += b.agreeing, a.contradicting += b.contradicting, a.hidden += b.hidden, a.beside += b.beside;
+          return a;
+        });
+  }
+
+  [[nodiscard]] std::vector<Eigen::Isometry3d> posesAsTheyAre() const {
+    std::vector<Eigen::Isometry3d> poses;
+    for (const Scan& scan : scans) poses.push_back(scan.T_W_S);
+    return poses;
+  }
+  [[nodiscard]] std::vector<const RangeImage*> imagesAsTheyAre() const {
+    std::vector<const RangeImage*> images;
+    for (const Scan& scan : scans) images.push_back(scan.image.get());
+    return images;
+  }
+
+  /// Nothing if a scan has no pose then.
+  [[nodiscard]] std::optional<std::vector<Eigen::Isometry3d>> changed(const PoseCure& change) const {
+    std::vector<Eigen::Isometry3d> poses;
+    for (const Scan& scan : scans) {
+      const auto T_W_B = scan.pose_at(change.fault == PoseFault::TimeOffset ? change.value : 0);
+      if (!T_W_B) {
+        if (change.fault != PoseFault::TimeOffset) return std::nullopt;
+        poses.push_back(scan.T_W_S);  // at the ends of the poses
+        continue;
+      }
+      poses.push_back(changedPose(change, *T_W_B, T_B_S));
+    }
+    return poses;
+  }
+
+  [[nodiscard]] AgreementCounts countInWorld(const std::vector<Pair>& pairs, std::size_t asked) const {
+    std::vector<std::unique_ptr<RangeImage>> images(scans.size());
+    std::vector<const RangeImage*> views;
+    std::vector<Eigen::Isometry3d> poses;
+    tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
+      std::vector<Eigen::Vector3f> from_sensor;
+      const Eigen::Vector3f sensor = scans[i].T_W_S.translation().cast<float>();
+      for (const Eigen::Vector3f& p : scans[i].returns_S)
+        if ((p - sensor).norm() > kNoReturn_m) from_sensor.push_back(p - sensor);
+      images[i] = std::make_unique<RangeImage>(from_sensor);
+    });
+    for (std::size_t i = 0; i < scans.size(); ++i) views.push_back(images[i].get());
+    return countMoved(pairs, views, asked);
+  }
+  /// Points in the world frame, in images around the sensors.
+  [[nodiscard]] AgreementCounts countMoved(const std::vector<Pair>& pairs, const std::vector<const RangeImage*>& images,
+                                           std::size_t asked) const {
+    AgreementCounts counts;
+    for (const Pair& pair : pairs) {
+      const Eigen::Vector3f sensor = scans[pair.to].T_W_S.translation().cast<float>();
+      const auto& returns = scans[pair.from].returns_S;
+      const std::size_t stride = strideFor(returns.size(), asked);
+      for (std::size_t k = 0; k < returns.size(); k += stride) {
+        if ((returns[k] - scans[pair.from].T_W_S.translation().cast<float>()).norm() <= kNoReturn_m) continue;
+        const RangeImage::Answer answer = images[pair.to]->at(returns[k] - sensor, three_sigma_m);
+        counts.agreeing += answer == RangeImage::Answer::Surface ? 1 : 0;
+        counts.contradicting += answer == RangeImage::Answer::Free ? 1 : 0;
+        counts.hidden += answer == RangeImage::Answer::Hidden ? 1 : 0;
+        counts.beside += answer == RangeImage::Answer::Nothing ? 1 : 0;
+      }
+    }
+    return counts;
+  }
+
+  /// The change with which the scans agree best.
+  [[nodiscard]] std::optional<PoseCure> bestChange(const std::vector<Pair>& pairs) const {
+    if (std::any_of(scans.begin(), scans.end(), [](const Scan& scan) { return !scan.pose_at; })) return std::nullopt;
+    const auto images = imagesAsTheyAre();
+    std::optional<PoseCure> best;
+    const auto offer = [&](const PoseCure& change) {
+      if (!best || change.counts.score() > best->counts.score()) best = change;
+    };
+    for (PoseCure change : poseChanges()) {
+      if (change.fault == PoseFault::InverseExtrinsic && !extrinsic) continue;
+      const auto poses = changed(change);
+      if (!poses) continue;
+      change.counts = count(pairs, *poses, images, kReturnsTried);
+      offer(change);
+    }
+    PoseCure in_world = {PoseFault::InWorld};
+    in_world.counts = countInWorld(pairs, kReturnsTried);
+    offer(in_world);
+    return best;
+  }
+};
+
+AgreementMeter::AgreementMeter(double range_noise_m, const std::optional<Eigen::Isometry3d>& T_B_S)
+    : impl_(std::make_unique<Impl>()) {
+  impl_->three_sigma_m = static_cast<float>(3 * range_noise_m);
+  impl_->extrinsic = T_B_S.has_value();
+  if (T_B_S) impl_->T_B_S = *T_B_S;
+}
+AgreementMeter::~AgreementMeter() = default;
+AgreementMeter::AgreementMeter(AgreementMeter&&) noexcept = default;
+AgreementMeter& AgreementMeter::operator=(AgreementMeter&&) noexcept = default;
+
+std::size_t AgreementMeter::size() const { return impl_->scans.size(); }
+
+double AgreementMeter::medianRange_m() const { return impl_->scans.empty() ? 0 : impl_->scans.back().median_range_m; }
+
+void AgreementMeter::add(const ScanRecord& record, const PoseAt& pose_at) {
+  Scan scan;
+  scan.T_W_S = record.T_W_S;
+  const auto keep = [&](const Eigen::Vector3f& p_S) {
+    if (p_S.allFinite() && !p_S.isZero(0)) scan.returns_S.push_back(p_S);
+  };
+  if (record.points_W.empty()) {
+    const std::size_t stride = strideFor(record.points_S.size(), kReturnsKept);
+    for (std::size_t i = 0; i < record.points_S.size(); i += stride) keep(record.points_S[i]);
+    scan.pose_at = pose_at;
+  } else if (record.deskewed) {
+    const Eigen::Isometry3d T_S_W = record.T_W_S.inverse();
+    const std::size_t stride = strideFor(record.points_W.size(), kReturnsKept);
+    for (std::size_t i = 0; i < record.points_W.size(); i += stride)
+      if (record.points_W[i] != record.origins_W[i]) keep((T_S_W * record.points_W[i]).cast<float>());
+    scan.pose_at = pose_at;
+  } else if (record.origins_W.size() == 1) {
+    scan.T_W_S = Eigen::Translation3d(record.origins_W[0]);
+    const std::size_t stride = strideFor(record.points_W.size(), kReturnsKept);
+    for (std::size_t i = 0; i < record.points_W.size(); i += stride)
+      keep((record.points_W[i] - record.origins_W[0]).cast<float>());
+  }
+  if (scan.returns_S.size() < kLeastReturns || !scan.T_W_S.matrix().allFinite()) {
+    ++impl_->others;
+    return;
+  }
+  std::vector<double> ranges_m;
+  for (const Eigen::Vector3f& p_S : scan.returns_S) ranges_m.push_back(p_S.norm());
+  scan.median_range_m = medianOf(std::move(ranges_m));
+  impl_->scans.push_back(std::move(scan));
+}
+
+ScanAgreement AgreementMeter::measure() const {
+  ScanAgreement result;
+  result.scans = impl_->scans.size();
+  if (result.scans < 2) {
+    result.why_not = impl_->others > 0 && result.scans == 0 ? "clouds in the world frame" : "a single scan";
+    return result;
+  }
+  impl_->makeImages();
+  std::vector<Pair> pairs = impl_->nearPairs();
+  const bool far_apart = pairs.size() < result.scans;
+  if (far_apart) pairs = impl_->followingPairs();
+  result.pairs = pairs.size();
+  result.counts = impl_->count(pairs, impl_->posesAsTheyAre(), impl_->imagesAsTheyAre(), kReturnsAsked);
+  const AgreementCounts& now = result.counts;
+  const std::uint64_t answers = now.agreeing + now.contradicting;
+  result.verdict = AgreementVerdict::Usual;
+  auto best = impl_->bestChange(pairs);
+  if (best) {
+    const double gain = best->counts.score() - now.score();
+    if (gain >= (collapses(*best) ? kCollapseGain : kDoubtfulGain)) {
+      result.verdict = gain >= kDisagreeGain ? AgreementVerdict::Disagree : AgreementVerdict::Doubtful;
+      result.cure = best;
+    }
+  }
+  if (answers < kLeastAnswers) {
+    if (result.verdict != AgreementVerdict::Usual) return result;
+    result.verdict = AgreementVerdict::NotMeasured;
+    result.why_not = "the scans see too little in common";
+    return result;
+  }
+  if (!far_apart && now.share() < kDisagreeShare) {
+    result.verdict = AgreementVerdict::Disagree;
+  } else if (!far_apart && now.share() < kDoubtfulShare) {
+    result.verdict = std::max(result.verdict, AgreementVerdict::Doubtful);
+  }
+  return result;
+}
+
+}  // namespace accessvdb::io

@@ -1,0 +1,131 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "runs/agreement_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "accessvdb/error.h"
+#include "options/options.h"
+
+namespace accessvdb::tools {
+namespace {
+
+/// Places along the way, each with the scans that see it from a little further on.
+constexpr std::size_t kPlaces = io::AgreementMeter::kMostScans / 3;
+constexpr double kFurtherOn[] = {0.1, 0.4};  ///< of the range, from the place: small errors show, and the view is shared
+constexpr double kTurnedOn_rad[] = {0.25, 0.8};
+
+std::string percent(double share) { return numberText(std::floor(1000 * share) / 10) + " %"; }
+
+/// The first step after `from`, and before `end`, that is so far from it, or turned so much; else the last one.
+std::size_t stepFurtherOn(const io::ScanSequence& scans, std::size_t from, std::size_t end, double far_m,
+                          double turn_rad) {
+  const auto begin = scans.givenPose(from);
+  for (std::size_t step = from + 1; begin && step < end; ++step) {
+    const auto pose = scans.givenPose(step);
+    if (!pose) continue;
+    const double turned = Eigen::AngleAxisd(begin->linear().transpose() * pose->linear()).angle();
+    if ((pose->translation() - begin->translation()).norm() >= far_m || turned >= turn_rad) return step;
+  }
+  return end - 1;
+}
+
+}  // namespace
+
+io::ScanAgreement measureAgreement(io::ScanSequence& scans, double range_noise_m,
+                                   const std::optional<Eigen::Isometry3d>& T_B_S) {
+  io::AgreementMeter meter(range_noise_m, T_B_S);
+  const std::size_t count = scans.size();
+  const auto add = [&](std::size_t step) {
+    meter.add(scans.read(step), [&scans, step](double shift_s) { return scans.givenPose(step, shift_s); });
+  };
+  if (count <= io::AgreementMeter::kMostScans) {
+    for (std::size_t step = 0; step < count; ++step) add(step);
+    return meter.measure();
+  }
+  for (std::size_t place = 0; place < kPlaces; ++place) {
+    std::size_t step = place * count / kPlaces;
+    const std::size_t end = (place + 1) * count / kPlaces;
+    add(step);
+    const std::size_t first = step;
+    for (std::size_t n = 0; n < 2; ++n) {
+      const std::size_t next =
+          std::max(step + 1, stepFurtherOn(scans, first, end, kFurtherOn[n] * meter.medianRange_m(), kTurnedOn_rad[n]));
+      if (next >= end) break;
+      step = next;
+      add(step);
+    }
+  }
+  return meter.measure();
+}
+
+std::string agreementInWords(const io::ScanAgreement& agreement) {
+  if (agreement.verdict == io::AgreementVerdict::NotMeasured)
+    return "agreement of the scans: not measured (" + agreement.why_not + ")";
+  const io::AgreementCounts& counts = agreement.counts;
+  return "agreement of the scans: " + percent(counts.share()) + " of " +
+         std::to_string(counts.agreeing + counts.contradicting) +
+         " returns lie where another scan has a surface, the others where it saw free space (" +
+         std::to_string(agreement.scans) + " scans compared)";
+}
+
+std::string cureInWords(const io::PoseCure& cure) {
+  const std::string axis(1, "xyz"[cure.axis]);
+  switch (cure.fault) {
+    case io::PoseFault::QuaternionWFirst:
+      return "the quaternions are w x y z: write them as x y z w, or name the columns in a header";
+    case io::PoseFault::QuaternionWLast:
+      return "the quaternions are x y z w: write them as w x y z, or name the columns in a header";
+    case io::PoseFault::Inverse:
+      return "the poses are inverse, world to sensor: invert each of them";
+    case io::PoseFault::InverseExtrinsic:
+      return "--extrinsic is inverse, body to sensor: give the sensor's pose in the body";
+    case io::PoseFault::Turned: {
+      std::string rpy = "0,0,0";
+      rpy[static_cast<std::size_t>(2 * cure.axis)] = 'A';
+      rpy.replace(rpy.find('A'), 1, numberText(cure.value));
+      return "the sensor is turned by " + numberText(cure.value) + " degrees about its " + axis +
+             " axis: --extrinsic 0,0,0," + rpy + " (after the one that is given)";
+    }
+    case io::PoseFault::InWorld:
+      return "the scans are in the world frame already: map them without --poses, with --trajectory, --stations or "
+             "--sensor-at";
+    case io::PoseFault::TimeOffset:
+      return "the poses are those of another time: --time-offset " + numberText(cure.value) +
+             " more than what is given";
+    case io::PoseFault::Unit:
+      return "scans and poses are in different units: multiply the positions of the poses by " +
+             numberText(cure.value) + ", if the scans are in metres";
+    case io::PoseFault::None:
+      break;
+  }
+  return "";
+}
+
+io::ScanAgreement checkAgreement(const MapOptions& options, double range_noise_m, io::ScanSequence& scans,
+                                 Messages& messages) {
+  io::ScanAgreement agreement = measureAgreement(scans, range_noise_m, scanInputOptions(options).T_B_S);
+  messages.notice(agreementInWords(agreement));
+  if (agreement.verdict != io::AgreementVerdict::Doubtful && agreement.verdict != io::AgreementVerdict::Disagree)
+    return agreement;
+  const io::AgreementCounts& counts = agreement.counts;
+  const std::string problem = "the scans do not agree: of " + std::to_string(counts.asked()) + " returns, " +
+                              std::to_string(counts.agreeing) + " lie where another scan has a surface, and " +
+                              std::to_string(counts.contradicting) + " where it saw free space";
+  std::string cure = "Check that poses and scans belong together (--pose-format, --calib, --extrinsic, --time-offset)";
+  if (agreement.cure) {
+    cure = "They agree better (" + std::to_string(static_cast<int>(100 * agreement.cure->counts.score())) +
+           " instead of " + std::to_string(static_cast<int>(100 * counts.score())) + " of 100) if " +
+           cureInWords(*agreement.cure);
+  }
+  if (agreement.verdict == io::AgreementVerdict::Disagree && !options.allow_disagreement)
+    throw UnusableInput("poses.disagree", options.poses.empty() ? options.scans : options.poses, problem,
+                        cure + "; --allow-disagreement goes on");
+  messages.warning("poses.disagree", problem + ". " + cure);
+  return agreement;
+}
+
+}  // namespace accessvdb::tools
