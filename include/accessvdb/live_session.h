@@ -44,6 +44,10 @@
 
 namespace accessvdb {
 
+namespace io {
+struct ScanAgreement;
+}  // namespace io
+
 /// Why a scan was not taken. Names in files and messages: name(ScanDrop).
 enum class ScanDrop : std::uint8_t {
   QueueFull,   ///< there was not even time to fuse it: points near its returns are unscored from then on
@@ -174,6 +178,8 @@ class ACCESSVDB_API LiveSession {
   [[nodiscard]] std::vector<DroppedScan> takeDropped();
   /// As of the last step().
   [[nodiscard]] const AccessibilityField& field() const;
+  /// Whether the scans agree, of the latest ones that were compared (accessvdb/program/scan_agreement.h).
+  [[nodiscard]] io::ScanAgreement agreement() const;
 
  private:
   struct Impl;

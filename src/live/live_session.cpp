@@ -15,6 +15,7 @@
 #include "io/poses/pose_track.h"
 #include "io/scans/exclude_box.h"
 #include "live/changed_points.h"
+#include "live/live_agreement.h"
 #include "live/lost_returns.h"
 #include "live/pose_buffer.h"
 
@@ -110,13 +111,6 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     internal::LostReturns lost;  ///< since the scan before
   };
   /// A scan as rays, or as points in the sensor's frame with its pose.
-  struct Posed {
-    std::vector<Eigen::Vector3f> points_S;
-    std::vector<Eigen::Vector3d> points_W;
-    Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
-    bool registered = false;
-  };
-
   [[nodiscard]] double lostCube_m() const { return 8 * field.params().tsdf.voxel_size_m; }
 
   // With the lock held:
@@ -207,13 +201,15 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 
   // Without it, from the one thread that takes steps:
 
-  [[nodiscard]] Posed posed(LiveScan scan, const Eigen::Isometry3d& T_W_B, bool registered, LiveStep& step) const {
-    Posed out;
-    out.registered = registered;
+  /// In the world, with one origin, if the scan is registered.
+  [[nodiscard]] io::ScanRecord posed(LiveScan scan, const Eigen::Isometry3d& T_W_B, bool registered,
+                                     LiveStep& step) const {
+    io::ScanRecord out;
     out.T_W_S = options.T_B_S ? T_W_B * *options.T_B_S : T_W_B;
     if (registered) {
       out.points_W = std::move(scan.points_double);
       for (const Eigen::Vector3f& p : scan.points) out.points_W.push_back(p.cast<double>());
+      out.origins_W = {out.T_W_S.translation()};
     } else {
       out.points_S = std::move(scan.points);
       for (const Eigen::Vector3d& p : scan.points_double) out.points_S.push_back(asFloat(p));
@@ -244,10 +240,10 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   void take(Ready ready, LiveStep& step) {
     const double stamp_s = 1e-9 * static_cast<double>(ready.waiting.scan.stamp_ns);
     leaveOut(ready.lost);
-    const Posed scan = posed(std::move(ready.waiting.scan), ready.T_W_B, ready.registered, step);
-    if (scan.registered) {
-      const std::array<Eigen::Vector3d, 1> origin_W = {scan.T_W_S.translation()};
-      step.fused = field.integrateRays(scan.points_W, origin_W, stamp_s);
+    const io::ScanRecord scan = posed(std::move(ready.waiting.scan), ready.T_W_B, ready.registered, step);
+    if (!step.late) agreement.add(scan, ready.T_W_B);
+    if (ready.registered) {
+      step.fused = field.integrateRays(scan.points_W, scan.origins_W, stamp_s);
     } else {
       step.fused = field.integrateScan(scan.points_S, scan.T_W_S, stamp_s);
     }
@@ -264,6 +260,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   const LiveOptions options;
   AccessibilityField field;
   internal::ChangedPoints changes;
+  internal::LiveAgreement agreement{field.params().tsdf.range_noise_m, options.T_B_S};
 
   mutable std::mutex lock;  ///< for all that follows
   std::condition_variable arrived;
@@ -398,6 +395,8 @@ std::optional<LiveStep> LiveSession::step() {
   impl_->latency_max_ms = std::max(impl_->latency_max_ms, step.latency_ms);
   return step;
 }
+
+io::ScanAgreement LiveSession::agreement() const { return impl_->agreement.latest(); }
 
 LiveStatus LiveSession::status() const {
   const std::scoped_lock locked(impl_->lock);

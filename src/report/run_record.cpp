@@ -79,6 +79,7 @@ RunRecord RunRecord::read(const std::filesystem::path& folder) {
   shown["counts"] = scalars(counts);
   shown["dropped"] = scalars(entry(counts, "dropped"));
   shown["parameters"] = scalars(entry(json, "parameters"));
+  shown["agreement"] = scalars(entry(json, "agreement"));
   shown["warnings"] = warningsOf(entry(json, "warnings"));
   shown["notices"] = texts(entry(json, "notices"));
   shown["error"] = scalars(entry(json, "error"));

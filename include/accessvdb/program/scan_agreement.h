@@ -82,6 +82,9 @@ struct ScanAgreement {
   std::optional<PoseCure> cure;  ///< only where the verdict is below Usual
 };
 
+/// The turn that makes a direction z.
+[[nodiscard]] ACCESSVDB_API Level levelFor(const Eigen::Vector3d& up_W);
+
 /// Collects a few scans and compares them. Same scans, same answer, on any number of threads.
 class ACCESSVDB_API AgreementMeter {
  public:
@@ -103,6 +106,8 @@ class ACCESSVDB_API AgreementMeter {
   /// Half of the ranges of what was added last are smaller, metres; 0 if nothing was.
   [[nodiscard]] double medianRange_m() const;
   [[nodiscard]] ScanAgreement measure() const;
+  /// What is up by floors, ground and walls, where that is more than 10 degrees off z and they are clear; else nothing.
+  [[nodiscard]] std::optional<Eigen::Vector3d> upBesideZ_W() const;
 
  private:
   struct Impl;

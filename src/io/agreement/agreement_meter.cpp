@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "accessvdb/program/scan_agreement.h"
+#include "io/agreement/level_surfaces.h"
 #include "io/agreement/pose_changes.h"
 #include "io/agreement/range_image.h"
 
@@ -30,6 +31,9 @@ constexpr double kDoubtfulGain = 0.05, kDisagreeGain = 0.25;  ///< of the score,
 constexpr double kDoubtfulShare = 0.7, kDisagreeShare = 0.5;
 /// The changes that put all sensors near each other make neighbours alike, so they have to do better.
 constexpr double kCollapseGain = 0.3;
+
+/// Patches of a twentieth of the range have a few returns, and are small beside rooms and trees.
+constexpr double kPatchShare = 0.05;
 
 /// Rays without a return are at the sensor, in clouds in the world frame too.
 constexpr float kNoReturn_m = 0.01F;
@@ -58,6 +62,17 @@ std::size_t strideFor(std::size_t count, std::size_t most) {
   return std::max<std::size_t>(1, (count + most - 1) / most);
 }
 
+/// Relative to their rays' origins, so that their distances are ranges as those of scans are.
+std::vector<Eigen::Vector3f> pointsAround(const ScanRecord& record) {
+  std::vector<Eigen::Vector3f> points;
+  const std::size_t stride = strideFor(record.points_W.size(), kReturnsKept);
+  for (std::size_t i = 0; i < record.points_W.size(); i += stride) {
+    const Eigen::Vector3f p = (record.points_W[i] - record.origins_W[0]).cast<float>();
+    if (p.allFinite()) points.push_back(p);
+  }
+  return points;
+}
+
 bool collapses(const PoseCure& change) { return change.fault == PoseFault::Unit && change.value < 0.1; }
 
 }  // namespace
@@ -68,6 +83,15 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   bool extrinsic = false;
   std::vector<Scan> scans;
   std::size_t others = 0;  ///< that cannot be compared
+  std::vector<Eigen::Vector3f> normals_W;
+
+  void addPatches(const std::vector<Eigen::Vector3f>& points, const Eigen::Matrix3f& R_W) {
+    std::vector<double> ranges_m;
+    for (const Eigen::Vector3f& p : points) ranges_m.push_back(p.norm());
+    std::vector<Eigen::Vector3f> normals;
+    appendPatchNormals(points, static_cast<float>(kPatchShare * medianOf(std::move(ranges_m))), normals);
+    for (const Eigen::Vector3f& normal : normals) normals_W.push_back(R_W * normal);
+  }
 
   void makeImages() {
     tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
@@ -226,9 +250,12 @@ std::size_t AgreementMeter::size() const { return impl_->scans.size(); }
 
 double AgreementMeter::medianRange_m() const { return impl_->scans.empty() ? 0 : impl_->scans.back().median_range_m; }
 
+std::optional<Eigen::Vector3d> AgreementMeter::upBesideZ_W() const { return upBesideZ(impl_->normals_W); }
+
 void AgreementMeter::add(const ScanRecord& record, const PoseAt& pose_at) {
   Scan scan;
   scan.T_W_S = record.T_W_S;
+  bool fixed = false;
   const auto keep = [&](const Eigen::Vector3f& p_S) {
     if (p_S.allFinite() && !p_S.isZero(0)) scan.returns_S.push_back(p_S);
   };
@@ -244,9 +271,21 @@ void AgreementMeter::add(const ScanRecord& record, const PoseAt& pose_at) {
     scan.pose_at = pose_at;
   } else if (record.origins_W.size() == 1) {
     scan.T_W_S = Eigen::Translation3d(record.origins_W[0]);
+    fixed = true;
     const std::size_t stride = strideFor(record.points_W.size(), kReturnsKept);
     for (std::size_t i = 0; i < record.points_W.size(); i += stride)
       keep((record.points_W[i] - record.origins_W[0]).cast<float>());
+  }
+  if (record.origins_W.size() > 1 && !record.deskewed) {
+    impl_->addPatches(pointsAround(record), Eigen::Matrix3f::Identity());
+  } else {
+    impl_->addPatches(scan.returns_S, scan.T_W_S.linear().cast<float>());
+  }
+  // The parts of one scanner's cloud are one scan.
+  for (Scan& known : impl_->scans) {
+    if (!fixed || known.pose_at || known.T_W_S.translation() != scan.T_W_S.translation()) continue;
+    known.returns_S.insert(known.returns_S.end(), scan.returns_S.begin(), scan.returns_S.end());
+    return;
   }
   if (scan.returns_S.size() < kLeastReturns || !scan.T_W_S.matrix().allFinite()) {
     ++impl_->others;

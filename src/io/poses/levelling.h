@@ -5,6 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,12 @@ inline constexpr std::size_t kMostImuSamples = 12'000;
 /// @param force_W  of samples at rest, each turned into the world by its own pose
 /// @throws UnusableInput "level.no_imu" (too few), "level.moving" (they differ by more than a platform at rest)
 [[nodiscard]] Eigen::Matrix3d levellingOf(const std::vector<Eigen::Vector3d>& force_W, const std::string& subject);
+
+/// The direction of the mean force, if there is enough of it and the platform is at rest.
+[[nodiscard]] std::optional<Eigen::Vector3d> upByForce(const std::vector<Eigen::Vector3d>& force_W);
+
+/// "25.1 degrees off z (roll 25.00, pitch -2.00 would level it)"
+[[nodiscard]] std::string tiltInWords(const Eigen::Vector3d& up_W);
 
 /// Roll and pitch of a levelling, degrees, for messages.
 [[nodiscard]] std::string levelInWords(const Eigen::Matrix3d& R_L_W);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <numbers>
 
 #include "accessvdb/error.h"
 #include "io/poses/levelling.h"
@@ -64,7 +65,7 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
                                          .topic = options.topic,
                                          .pose_topic = options.pose_topic,
                                          .times = options.deskew != Deskew::Off,
-                                         .imu = options.level && options.level->from_imu},
+                                         .imu = !options.level || options.level->from_imu},
                                         recordings_);
   for (const std::string& line : index.cut_offs) warnings_.push_back({"recording.cut_off", line});
   IndexedTopic& cloud = chooseCloudTopic(index, options.topic, subject_);
@@ -88,7 +89,11 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
     notices_.push_back("recording: poses less than " + std::to_string(index.thinned_ns / 1'000'000) +
                        " ms after another are not used, to save memory");
   if (T_B_S_) rule_ += ", with T_B_S";
-  if (options.level) level(index, *options.level);
+  if (options.level) {
+    level(index, *options.level);
+  } else {
+    warnOfTilt(index);
+  }
   keepPosed(std::move(cloud.clouds), options);
   chooseTimes(cloud);
 }
@@ -231,7 +236,22 @@ void RecordingSteps::level(const RecordingIndex& index, const Level& level) {
     rule_ += ", turned level by ScanInputOptions::level";
     return;
   }
-  std::vector<Eigen::Vector3d> force_W;
+  const AtRest rest = forceAtRest(index);
+  R_L_W_ = levellingOf(rest.force_W, subject_);
+  rule_ += rest.words + " (" + levelInWords(*R_L_W_) + ")";
+}
+
+void RecordingSteps::warnOfTilt(const RecordingIndex& index) {
+  const auto up_W = upByForce(forceAtRest(index).force_W);
+  constexpr double kTilted_rad = 10 * std::numbers::pi / 180;
+  if (!up_W || std::acos(std::clamp(up_W->z(), -1.0, 1.0)) <= kTilted_rad) return;
+  warnings_.push_back({"poses.up", "z is not up: at the start, what the IMU feels is " + tiltInWords(*up_W) +
+                                       ". ScanInputOptions::level imu turns the world level"});
+}
+
+RecordingSteps::AtRest RecordingSteps::forceAtRest(const RecordingIndex& index) const {
+  AtRest rest;
+  std::vector<Eigen::Vector3d>& force_W = rest.force_W;
   for (const IndexedTopic& topic : index.topics) {
     if (topic.imu.empty() || !force_W.empty()) continue;
     std::string whose = topic.frames.front();
@@ -254,11 +274,10 @@ void RecordingSteps::level(const RecordingIndex& index, const Level& level) {
       if (sample.stamp_ns - *first_ns <= kRest_ns) force_W.push_back(T_W_I->linear() * sample.force);
     }
     if (!force_W.empty())
-      rule_ += ", turned level by " + wordForMessage(topic.topic.name) +
-               (file_ ? std::string(", taken to be what the poses are of") : " in frame " + frameText(whose));
+      rest.words = ", turned level by " + wordForMessage(topic.topic.name) +
+                   (file_ ? std::string(", taken to be what the poses are of") : " in frame " + frameText(whose));
   }
-  R_L_W_ = levellingOf(force_W, subject_);
-  rule_ += " (" + levelInWords(*R_L_W_) + ")";
+  return rest;
 }
 
 void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {

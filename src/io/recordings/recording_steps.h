@@ -55,6 +55,13 @@ class RecordingSteps {
   void tellAboutOdometry(const IndexedTopic& poses, bool sort);
   void keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options);
   void level(const RecordingIndex& index, const Level& level);
+  void warnOfTilt(const RecordingIndex& index);
+  /// What the IMU felt in the first second with poses, and of which topic and frame.
+  struct AtRest {
+    std::vector<Eigen::Vector3d> force_W;
+    std::string words;
+  };
+  [[nodiscard]] AtRest forceAtRest(const RecordingIndex& index) const;
   void chooseTimes(const IndexedTopic& cloud);
   [[nodiscard]] bool removeMotion(const IndexedCloud& indexed, const bags::CloudMessage& cloud, const Posed& posed,
                                   ScanRecord& record) const;

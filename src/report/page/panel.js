@@ -115,6 +115,12 @@ function fillRun(facts) {
   for (const [reason, count] of Object.entries(run.dropped || {})) {
     if (count > 0) put(`Dropped: ${reason.replaceAll("_", " ")}`, grouped(count));
   }
+  const agreement = run.agreement || {};
+  if (agreement.agreeing !== undefined) {
+    put("Scans agree", `${percent(agreement.agreeing, agreement.agreeing + agreement.contradicting)} of ${grouped(agreement.agreeing + agreement.contradicting)} returns (${agreement.verdict})`);
+  } else if (agreement.why_not) {
+    put("Scans agree", `not measured: ${agreement.why_not}`);
+  }
   if (facts.bounds) {
     const size = subtract(facts.bounds[1], facts.bounds[0]);
     put("Extent", size.map((value) => value.toFixed(1)).join(" × ") + "\u202fm");

@@ -15,7 +15,8 @@ namespace {
 
 /// Places along the way, each with the scans that see it from a little further on.
 constexpr std::size_t kPlaces = io::AgreementMeter::kMostScans / 3;
-constexpr double kFurtherOn[] = {0.1, 0.4};  ///< of the range, from the place: small errors show, and the view is shared
+constexpr double kFurtherOn[] = {0.1,
+                                 0.4};  ///< of the range, from the place: small errors show, and the view is shared
 constexpr double kTurnedOn_rad[] = {0.25, 0.8};
 
 std::string percent(double share) { return numberText(std::floor(1000 * share) / 10) + " %"; }
@@ -33,10 +34,64 @@ std::size_t stepFurtherOn(const io::ScanSequence& scans, std::size_t from, std::
   return end - 1;
 }
 
+struct Doubt {
+  std::string problem, cure;
+};
+
+std::optional<Doubt> doubtOf(const io::ScanAgreement& agreement) {
+  if (agreement.verdict != io::AgreementVerdict::Doubtful && agreement.verdict != io::AgreementVerdict::Disagree)
+    return std::nullopt;
+  const io::AgreementCounts& counts = agreement.counts;
+  const auto score = [](const io::AgreementCounts& of) { return std::to_string(std::lround(100 * of.score())); };
+  Doubt doubt = {"the scans do not agree: of " + std::to_string(counts.asked()) + " returns, " +
+                     std::to_string(counts.agreeing) + " lie where another scan has a surface, and " +
+                     std::to_string(counts.contradicting) + " where it saw free space",
+                 "Check that poses and scans belong together (--pose-format, --calib, --extrinsic, --time-offset)"};
+  if (agreement.cure)
+    doubt.cure = "They agree better (" + score(agreement.cure->counts) + " instead of " + score(counts) +
+                 " of 100) if " + cureInWords(*agreement.cure);
+  return doubt;
+}
+
+std::string levelFlag(const Eigen::Vector3d& up_W) {
+  const io::Level level = io::levelFor(up_W);
+  const auto degrees = [](double angle_rad) {
+    return numberText(std::round(angle_rad * 18000 / std::numbers::pi) / 100);
+  };
+  return "--level=" + degrees(level.roll_rad) + "," + degrees(level.pitch_rad);
+}
+
+/// Coordinates in which the origin is the middle of the Earth, so that up is away from it. Nothing else is so large.
+std::optional<Eigen::Vector3d> upOnEarth(const Eigen::Vector3d& p_W) {
+  constexpr double kLeast_m = 6.3e6, kMost_m = 6.4e6;  // from the poles, less 50 km, to the equator, and flights
+  const double radius_m = p_W.norm();
+  if (!(radius_m > kLeast_m && radius_m < kMost_m)) return std::nullopt;
+  return p_W / radius_m;
+}
+
+/// Where z is not up, and nothing else is known to be wrong with the poses.
+std::optional<std::string> tiltWarning(const io::ScanSequence& scans, const io::AgreementMeter& meter,
+                                       const io::ScanAgreement& agreement) {
+  if (agreement.cure) return std::nullopt;
+  const auto first = scans.size() > 0 ? scans.givenPose(0) : std::nullopt;
+  if (const auto up_W = first ? upOnEarth(first->translation()) : std::nullopt) {
+    return "z is not up: the poses are as far from their origin as the surface of the Earth is from its middle "
+           "(ECEF). " +
+           levelFlag(*up_W) + " turns the world level; a local frame (east, north, up) is better";
+  }
+  if (const auto up_W = meter.upBesideZ_W()) {
+    const double off_deg = std::acos(std::clamp(up_W->z(), -1.0, 1.0)) * 180 / std::numbers::pi;
+    return "most level surfaces are " + numberText(std::round(10 * off_deg) / 10) +
+           " degrees off level. Check --extrinsic and the poses; if the world itself is tilted, " + levelFlag(*up_W) +
+           " turns it level";
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
-io::ScanAgreement measureAgreement(io::ScanSequence& scans, double range_noise_m,
-                                   const std::optional<Eigen::Isometry3d>& T_B_S) {
+io::AgreementMeter measureAgreement(io::ScanSequence& scans, double range_noise_m,
+                                    const std::optional<Eigen::Isometry3d>& T_B_S) {
   io::AgreementMeter meter(range_noise_m, T_B_S);
   const std::size_t count = scans.size();
   const auto add = [&](std::size_t step) {
@@ -44,7 +99,7 @@ io::ScanAgreement measureAgreement(io::ScanSequence& scans, double range_noise_m
   };
   if (count <= io::AgreementMeter::kMostScans) {
     for (std::size_t step = 0; step < count; ++step) add(step);
-    return meter.measure();
+    return meter;
   }
   for (std::size_t place = 0; place < kPlaces; ++place) {
     std::size_t step = place * count / kPlaces;
@@ -59,7 +114,7 @@ io::ScanAgreement measureAgreement(io::ScanSequence& scans, double range_noise_m
       add(step);
     }
   }
-  return meter.measure();
+  return meter;
 }
 
 std::string agreementInWords(const io::ScanAgreement& agreement) {
@@ -107,25 +162,23 @@ std::string cureInWords(const io::PoseCure& cure) {
 
 io::ScanAgreement checkAgreement(const MapOptions& options, double range_noise_m, io::ScanSequence& scans,
                                  Messages& messages) {
-  io::ScanAgreement agreement = measureAgreement(scans, range_noise_m, scanInputOptions(options).T_B_S);
+  const io::AgreementMeter meter = measureAgreement(scans, range_noise_m, scanInputOptions(options).T_B_S);
+  io::ScanAgreement agreement = meter.measure();
   messages.notice(agreementInWords(agreement));
-  if (agreement.verdict != io::AgreementVerdict::Doubtful && agreement.verdict != io::AgreementVerdict::Disagree)
-    return agreement;
-  const io::AgreementCounts& counts = agreement.counts;
-  const std::string problem = "the scans do not agree: of " + std::to_string(counts.asked()) + " returns, " +
-                              std::to_string(counts.agreeing) + " lie where another scan has a surface, and " +
-                              std::to_string(counts.contradicting) + " where it saw free space";
-  std::string cure = "Check that poses and scans belong together (--pose-format, --calib, --extrinsic, --time-offset)";
-  if (agreement.cure) {
-    cure = "They agree better (" + std::to_string(static_cast<int>(100 * agreement.cure->counts.score())) +
-           " instead of " + std::to_string(static_cast<int>(100 * counts.score())) + " of 100) if " +
-           cureInWords(*agreement.cure);
-  }
+  if (const auto tilt = tiltWarning(scans, meter, agreement)) messages.warning("poses.up", *tilt);
+  const auto doubt = doubtOf(agreement);
+  if (!doubt) return agreement;
   if (agreement.verdict == io::AgreementVerdict::Disagree && !options.allow_disagreement)
-    throw UnusableInput("poses.disagree", options.poses.empty() ? options.scans : options.poses, problem,
-                        cure + "; --allow-disagreement goes on");
-  messages.warning("poses.disagree", problem + ". " + cure);
+    throw UnusableInput("poses.disagree", options.poses.empty() ? options.scans : options.poses, doubt->problem,
+                        doubt->cure + "; --allow-disagreement goes on");
+  messages.warning("poses.disagree", doubt->problem + ". " + doubt->cure);
   return agreement;
+}
+
+std::optional<std::string> agreementWarning(const io::ScanAgreement& agreement) {
+  const auto doubt = doubtOf(agreement);
+  if (!doubt) return std::nullopt;
+  return doubt->problem + ". " + doubt->cure;
 }
 
 }  // namespace accessvdb::tools

@@ -13,8 +13,8 @@
 namespace accessvdb::tools {
 
 /// Reads a few scans of the whole sequence.
-[[nodiscard]] io::ScanAgreement measureAgreement(io::ScanSequence& scans, double range_noise_m,
-                                                 const std::optional<Eigen::Isometry3d>& T_B_S);
+[[nodiscard]] io::AgreementMeter measureAgreement(io::ScanSequence& scans, double range_noise_m,
+                                                  const std::optional<Eigen::Isometry3d>& T_B_S);
 
 /// Measures, says it in one line, and warns where it is doubtful.
 /// @throws UnusableInput "poses.disagree", unless --allow-disagreement makes it a warning
@@ -23,6 +23,8 @@ io::ScanAgreement checkAgreement(const MapOptions& options, double range_noise_m
 
 /// "98.5 % of 4020 returns agree with what other scans saw (12 scans)", or why it was not measured.
 [[nodiscard]] std::string agreementInWords(const io::ScanAgreement& agreement);
+/// What live warns of; nothing where the scans agree, or where that is not known.
+[[nodiscard]] std::optional<std::string> agreementWarning(const io::ScanAgreement& agreement);
 /// What to do about a change of the poses with which the scans agree better.
 [[nodiscard]] std::string cureInWords(const io::PoseCure& cure);
 

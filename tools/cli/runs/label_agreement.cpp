@@ -82,6 +82,12 @@ std::uint64_t LabelAgreement::compared() const {
   return voxels[kAccessible][kAccessible] + voxels[kAccessible][kBlocked] + voxels[kBlocked][kAccessible] +
          voxels[kBlocked][kBlocked];
 }
+std::uint64_t LabelAgreement::notCompared() const {
+  std::uint64_t all = only_first + only_second;
+  for (const auto& row : voxels)
+    for (const std::uint64_t count : row) all += count;
+  return all - compared();
+}
 double LabelAgreement::agreementPercent() const {
   return percentOf(voxels[kAccessible][kAccessible] + voxels[kBlocked][kBlocked], compared());
 }

@@ -25,6 +25,8 @@ struct LabelAgreement {
 
   /// Voxels that are accessible or blocked in both: the basis of the figures below.
   [[nodiscard]] std::uint64_t compared() const;
+  /// The others: with a point in only one, or unscored in one.
+  [[nodiscard]] std::uint64_t notCompared() const;
   /// Share of them with the same label, and of those accessible in each, percent; 0 if nothing was compared.
   [[nodiscard]] double agreementPercent() const;
   [[nodiscard]] double accessiblePercentOfFirst() const;

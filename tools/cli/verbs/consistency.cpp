@@ -87,6 +87,7 @@ Json jsonOf(const char* first, const char* second, const LabelAgreement& agreeme
           {"only_first", agreement.only_first},
           {"only_second", agreement.only_second},
           {"compared", agreement.compared()},
+          {"not_compared", agreement.notCompared()},
           {"agreement_percent", round2(agreement.agreementPercent())},
           {"kappa", kappa ? Json(std::round(*kappa * 10000) / 10000) : Json(nullptr)},
           {"accessible_percent_of_first", round2(agreement.accessiblePercentOfFirst())},
@@ -245,7 +246,8 @@ int compareParts(const std::string& verb, const Arguments& arguments, Messages& 
   for (const auto& [title, agreement] :
        {std::pair{"even against odd scans", &result->even_odd}, std::pair{"even against all scans", &result->even_all},
         std::pair{"odd against all scans", &result->odd_all}}) {
-    messages.notice(std::string(title) + ": " + std::to_string(agreement->compared()) + " voxels compared, " +
+    messages.notice(std::string(title) + ": " + std::to_string(agreement->compared()) + " voxels compared (" +
+                    std::to_string(agreement->notCompared()) + " not: in one of the two only, or unscored), " +
                     fixed(agreement->agreementPercent(), 1) + " % agree, kappa " + kappaText(*agreement) +
                     ", accessible " + fixed(agreement->accessiblePercentOfFirst(), 1) + " and " +
                     fixed(agreement->accessiblePercentOfSecond(), 1) + " %");

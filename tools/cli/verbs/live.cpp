@@ -22,6 +22,7 @@
 #include "output/report.h"
 #include "output/run_summary.h"
 #include "output/stop_signal.h"
+#include "runs/agreement_check.h"
 #include "runs/gpu_fallback.h"
 #include "verbs/verbs.h"
 
@@ -102,7 +103,7 @@ class LiveRun {
   Messages& messages_;
   RunReport report_;
   bool refused_ = false;  // existing outputs must stay
-  bool said_full_ = false, said_many_ = false;
+  bool said_full_ = false, said_many_ = false, said_disagree_ = false;
   std::int64_t last_stamp_ns_ = 0;
   std::uint64_t sent_after_scans_ = 0, sent_to_ = 0;  // of the last message with all points
   Clock::time_point start_ = Clock::now();
@@ -197,6 +198,9 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
   const dds::TopicState clouds = participant.clouds(), poses = participant.poses();
   report_.live = LiveReport{session.status(), clouds.malformed + poses.malformed, clouds.lost + poses.lost};
   participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
+  report_.agreement = session.agreement();
+  if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
+    messages_.warning("poses.disagree", *warning);
   if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
     messages_.warning("live.memory_full", "map and points take " +
                                               bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +
@@ -263,6 +267,7 @@ void LiveRun::finish(const LiveSession& session) {
   writeField(field, out, writeOptions(map.exported));
   io::renderField(out / "preview.png", *points, renderOptions(map.picture));
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
+  messages_.notice(agreementInWords(session.agreement()));
   messages_.notice(toolInWords(field.tool(), map.tool));
   messages_.notice("wrote field.vdb, field_points.vdb, points.ply, preview.png and report.json into " + out.string());
 }
