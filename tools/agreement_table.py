@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""The table of docs/evaluation.md, "Do the scans agree?": recorded and simulated scans, right and with each kind of wrong
+"""The table of docs/evaluation.md, "Agreement of scans": recorded and simulated scans, right and with each kind of wrong
 poses, given to `accessvdb advise`, which reads a few scans and says whether they agree.
 
     python3 tools/agreement_table.py --bin build/ci/bin --data DATA --out out/agreement

@@ -24,9 +24,9 @@ constexpr double kNearShare = 0.75;
 /// With fewer answers, surface or free, chance decides.
 constexpr std::uint64_t kLeastAnswers = 100;
 
-// What was measured of right and wrong poses is in docs/evaluation.md, "Do the scans agree?": where poses are right, no
+// What was measured of right and wrong poses is in docs/evaluation.md, "Agreement of scans": where poses are right, no
 // change of them gains more than 0.02.
-constexpr double kDoubtfulGain = 0.05, kDisagreeGain = 0.25;  ///< of the score, by a change of the poses
+constexpr double kDoubtfulGain = 0.05, kDisagreeGain = 0.12;  ///< of the score, by a change of the poses
 /// Without a change that helps. Things that move, leaves and thin bars contradict, too.
 constexpr double kDoubtfulShare = 0.7, kDisagreeShare = 0.5;
 /// The changes that put all sensors near each other make neighbours alike, so they have to do better.
@@ -180,6 +180,17 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
     return poses;
   }
 
+  /// In the world frame, returns are not much farther from their sensors than from the origin. Seen from afar
+  /// everything looks alike.
+  [[nodiscard]] bool canBeInWorld() const {
+    return std::all_of(scans.begin(), scans.end(), [](const Scan& scan) {
+      const Eigen::Vector3f sensor = scan.T_W_S.translation().cast<float>();
+      std::vector<double> ranges_m;
+      for (const Eigen::Vector3f& p : scan.returns_S) ranges_m.push_back((p - sensor).norm());
+      return medianOf(std::move(ranges_m)) <= 3 * scan.median_range_m;
+    });
+  }
+
   [[nodiscard]] AgreementCounts countInWorld(const std::vector<Pair>& pairs, std::size_t asked) const {
     std::vector<std::unique_ptr<RangeImage>> images(scans.size());
     std::vector<const RangeImage*> views;
@@ -215,7 +226,7 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   }
 
   /// The change with which the scans agree best.
-  [[nodiscard]] std::optional<PoseCure> bestChange(const std::vector<Pair>& pairs) const {
+  [[nodiscard]] std::optional<PoseCure> bestChange(const std::vector<Pair>& pairs, bool far_apart) const {
     if (std::any_of(scans.begin(), scans.end(), [](const Scan& scan) { return !scan.pose_at; })) return std::nullopt;
     const auto images = imagesAsTheyAre();
     std::optional<PoseCure> best;
@@ -229,6 +240,7 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
       change.counts = count(pairs, *poses, images, kReturnsTried);
       offer(change);
     }
+    if (far_apart || !canBeInWorld()) return best;
     PoseCure in_world = {PoseFault::InWorld};
     in_world.counts = countInWorld(pairs, kReturnsTried);
     offer(in_world);
@@ -313,7 +325,7 @@ ScanAgreement AgreementMeter::measure() const {
   const AgreementCounts& now = result.counts;
   const std::uint64_t answers = now.agreeing + now.contradicting;
   result.verdict = AgreementVerdict::Usual;
-  auto best = impl_->bestChange(pairs);
+  auto best = impl_->bestChange(pairs, far_apart);
   if (best) {
     const double gain = best->counts.score() - now.score();
     if (gain >= (collapses(*best) ? kCollapseGain : kDoubtfulGain)) {

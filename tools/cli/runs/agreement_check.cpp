@@ -71,9 +71,9 @@ std::optional<Eigen::Vector3d> upOnEarth(const Eigen::Vector3d& p_W) {
 
 /// Where z is not up, and nothing else is known to be wrong with the poses.
 std::optional<std::string> tiltWarning(const io::ScanSequence& scans, const io::AgreementMeter& meter,
-                                       const io::ScanAgreement& agreement) {
+                                       const io::ScanAgreement& agreement, bool levelled) {
   if (agreement.cure) return std::nullopt;
-  const auto first = scans.size() > 0 ? scans.givenPose(0) : std::nullopt;
+  const auto first = scans.size() > 0 && !levelled ? scans.givenPose(0) : std::nullopt;
   if (const auto up_W = first ? upOnEarth(first->translation()) : std::nullopt) {
     return "z is not up: the poses are as far from their origin as the surface of the Earth is from its middle "
            "(ECEF). " +
@@ -162,10 +162,12 @@ std::string cureInWords(const io::PoseCure& cure) {
 
 io::ScanAgreement checkAgreement(const MapOptions& options, double range_noise_m, io::ScanSequence& scans,
                                  Messages& messages) {
-  const io::AgreementMeter meter = measureAgreement(scans, range_noise_m, scanInputOptions(options).T_B_S);
+  const io::ScanInputOptions input = scanInputOptions(options);
+  const io::AgreementMeter meter = measureAgreement(scans, range_noise_m, input.T_B_S);
   io::ScanAgreement agreement = meter.measure();
   messages.notice(agreementInWords(agreement));
-  if (const auto tilt = tiltWarning(scans, meter, agreement)) messages.warning("poses.up", *tilt);
+  if (const auto tilt = tiltWarning(scans, meter, agreement, input.level.has_value()))
+    messages.warning("poses.up", *tilt);
   const auto doubt = doubtOf(agreement);
   if (!doubt) return agreement;
   if (agreement.verdict == io::AgreementVerdict::Disagree && !options.allow_disagreement)
