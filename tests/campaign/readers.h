@@ -1,0 +1,21 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Everything that is read, one function for each kind of file. The corpus has a folder for each of them.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <string_view>
+
+namespace accessvdb::campaign {
+
+struct Reader {
+  std::string_view name;
+  /// Reads all of the file, as the program would. @param seed  chooses among options
+  std::function<void(const std::filesystem::path&, std::uint64_t seed)> read;
+};
+
+[[nodiscard]] std::span<const Reader> readers();
+
+}  // namespace accessvdb::campaign
