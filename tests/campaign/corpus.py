@@ -209,6 +209,8 @@ def tables(out):
         (folder / "scans" / f"{name}.xyz").write_text("".join("%.4f %.4f %.4f\n" % p for p in points))
     put(out, "orientations", "list.txt", "".join("%g %g %g\n" % (math.cos(a), math.sin(a), 0.3) for a in range(12)))
     put(out, "boxes", "boxes.txt", "# name and corners\npost 2 0 0 2.5 0.5 2\nwall 2.9,-2,0,3.1,2,2\n")
+    put(out, "toml", "map.toml", '# how to map\n[map]\nvoxel = 0.2\ntau = "2v"\ndirections = 8\nrange-noise = 0.02\nchange = "block"\n'
+        'device = "cpu"\n')
     put(out, "positions", "at.txt", "3 0 1\n2.2,0.4,1\n# a comment\n0 0 0\n")
     put(out, "segments", "labelled.ply", ply(points, "binary_little_endian", [("float", "x"), ("float", "y"), ("float", "z"),
         ("int", "segment")], [(*p, i % 3) for i, p in enumerate(points)]))

@@ -6,7 +6,8 @@
 ///
 /// CORPUS/READER/SET holds the files of one input; TARGETS in it names those that are changed, one at a time. A run is
 /// wrong if it ends by a signal, takes more than 20 s or 2 GB, throws anything but a documented error of one line with
-/// advice, or leaves a file. Run n of a seed is the same on every machine: --only N repeats it.
+/// advice, or leaves a file. Run n of a seed is the same on every machine: --only N repeats it, and with --dump FOLDER
+/// it only writes its files there and prints READER SET FILE.
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -41,6 +42,7 @@ struct Options {
   std::string reader;
   std::uint64_t runs = 10000, seed = 1, workers = 2;
   std::int64_t only = -1;
+  fs::path dump;  ///< --only: the changed set goes there instead of being read
 };
 
 /// One file that is changed, and its surroundings.
@@ -62,6 +64,7 @@ std::vector<std::vector<Target>> targetsOf(const Options& options) {
   for (const Reader& reader : readers()) {
     const fs::path folder = options.corpus / reader.name;
     if ((!options.reader.empty() && options.reader != reader.name) || !fs::exists(folder)) continue;
+    if (!reader.read && options.dump.empty()) continue;
     std::vector<fs::path> sets;
     for (const auto& set : fs::directory_iterator(folder)) sets.push_back(set.path());
     std::sort(sets.begin(), sets.end());
@@ -113,6 +116,15 @@ class Worker {
     }
     fs::remove_all(scratch_);
     return wrong;
+  }
+
+  void dump() const {
+    const Target* target = nullptr;
+    const std::string bytes = changed(static_cast<std::uint64_t>(options_.only), target);
+    fs::remove_all(options_.dump);
+    fs::copy(target->set, options_.dump, fs::copy_options::recursive);
+    std::ofstream(options_.dump / target->file, std::ios::binary) << bytes;
+    std::cout << target->reader->name << " " << target->set.filename().string() << " " << target->file.string() << "\n";
   }
 
   [[nodiscard]] std::uint64_t accepted() const { return progress_->accepted; }
@@ -224,6 +236,10 @@ int campaign(const Options& options) {
     std::cerr << "fuzz_readers: no corpus in " << options.corpus << ": tests/campaign/corpus.py makes one\n";
     return 2;
   }
+  if (!options.dump.empty()) {
+    Worker(options, targets, 0).dump();
+    return 0;
+  }
   std::vector<pid_t> children;
   struct Sums {
     std::atomic<std::uint64_t> wrong, accepted, refused;
@@ -267,6 +283,8 @@ int main(int argc, char** argv) {
       options.workers = std::max<std::uint64_t>(1, std::stoull(value()));
     } else if (argument == "--only") {
       options.only = std::stoll(value());
+    } else if (argument == "--dump") {
+      options.dump = value();
     } else if (argument == "--keep") {
       options.keep = value();
     } else {

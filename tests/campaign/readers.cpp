@@ -103,6 +103,7 @@ const std::array kReaders = {
     Reader{"tiles", readTiles},
     Reader{"field", readField},
     Reader{"report", readReport},
+    Reader{"toml", nullptr},  // the program alone reads those
 };
 
 }  // namespace

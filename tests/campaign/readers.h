@@ -12,7 +12,7 @@ namespace accessvdb::campaign {
 
 struct Reader {
   std::string_view name;
-  /// Reads all of the file, as the program would. @param seed  chooses among options
+  /// Reads all of the file, as the program would; empty where only the program can. @param seed  chooses among options
   std::function<void(const std::filesystem::path&, std::uint64_t seed)> read;
 };
 
