@@ -207,7 +207,7 @@ def tables(out):
     (folder / "scans").mkdir()
     for name in "ab":
         (folder / "scans" / f"{name}.xyz").write_text("".join("%.4f %.4f %.4f\n" % p for p in points))
-    put(out, "orientations", "list.txt", "".join("%g %g %g\n" % (math.cos(a), math.sin(a), 0.3) for a in range(12)))
+    put(out, "orientations", "list.txt", "yaw pitch roll\n" + "".join("%d %d 0\n" % (30 * a, 5 * a - 30) for a in range(12)))
     put(out, "boxes", "boxes.txt", "# name and corners\npost 2 0 0 2.5 0.5 2\nwall 2.9,-2,0,3.1,2,2\n")
     put(out, "toml", "map.toml", '# how to map\n[map]\nvoxel = 0.2\ntau = "2v"\ndirections = 8\nrange-noise = 0.02\nchange = "block"\n'
         'device = "cpu"\n')
