@@ -261,7 +261,9 @@ void LiveRun::finish(const LiveSession& session) {
   RunFacts facts{report_, SceneStatistics(), countPoints(report_, field.memoryUse(), *points), field.origin_W(),
                  points->voxel_size_m()};
   writeField(field, out, writeOptions(map.exported));
+  addOutputs(report_.outputs, out, fieldFilesOf(map.exported));
   io::renderField(out / "preview.png", *points, renderOptions(map.picture));
+  addOutputs(report_.outputs, out, {"preview.png"});
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   messages_.notice(toolInWords(field.tool(), map.tool));
   messages_.notice("wrote field.vdb, field_points.vdb, points.ply, preview.png and report.json into " + out.string());
