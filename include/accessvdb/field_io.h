@@ -26,6 +26,8 @@ class ToolGeometry;
 
 namespace accessvdb::io {
 
+class OutputCheck;
+
 /// Calls `body` with a checked stream on a temporary file next to `path`; then flush, fsync, rename, fsync of the
 /// folder. Nothing is left behind when anything fails. @throws OutputError (disk full, permission, ...)
 ACCESSVDB_API void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body);
@@ -95,8 +97,11 @@ class ACCESSVDB_API StoredField {
     bool observed = false, cleared = false;
     float distance_m = 0, weight = 0;
   };
-  /// @throws InputError if the folder holds no field written by this library
+  /// @throws InputError if the folder holds no field written by this library; "output.changed" if a file is not as it
+  ///         was written (output_check.h)
   static StoredField open(const std::filesystem::path& folder);
+  /// The same, told more of. @param check  may allow what has changed, and has the warnings
+  static StoredField open(const std::filesystem::path& folder, OutputCheck& check);
   ~StoredField();
   StoredField(StoredField&&) noexcept;
   [[nodiscard]] Answer at(const Eigen::Vector3d& p_W) const;

@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -213,7 +214,8 @@ struct IndexedTile {
   std::uint64_t points = 0;
   std::array<std::uint64_t, kNumPointLabels> labels = {};
   std::array<std::uint64_t, kNumPointReasons> reasons = {};
-  std::array<double, 3> min_W = {}, max_W = {};  ///< of the points; metres
+  std::array<double, 3> min_W = {}, max_W = {};             ///< of the points; metres
+  std::vector<std::pair<std::string, std::string>> sha256;  ///< of each file; none in older folders
 };
 struct Index {
   bool complete = false;  ///< every tile is finished
@@ -225,21 +227,32 @@ struct Index {
 [[nodiscard]] ACCESSVDB_API bool hasIndex(const std::filesystem::path& out);
 /// @throws InputError "field.missing", "field.damaged"
 [[nodiscard]] ACCESSVDB_API Index readIndex(const std::filesystem::path& out);
+/// The same, held against the hash in report.json. @throws also InputError "output.changed"
+[[nodiscard]] ACCESSVDB_API Index readIndex(const std::filesystem::path& out, io::OutputCheck& check);
+/// Begins to hash files of a tile. @param names  "points.ply", "field.vdb"
+ACCESSVDB_API void beginCheck(io::OutputCheck& check, const IndexedTile& tile, const std::vector<std::string>& names);
 
 struct StoredAnswer {
   io::StoredField::Answer field;  ///< ids of points are their numbers in the tile's points.ply
   std::optional<TileId> tile;     ///< of the point
 };
 /// What io::StoredField::at() says of one piece, from the tiles that are needed, one in memory at a time.
-/// @throws InputError for a tile that cannot be read
+/// @throws InputError for a tile that cannot be read; "output.changed" if it is not as it was written
 [[nodiscard]] ACCESSVDB_API std::vector<StoredAnswer> answersAt(const Index& index,
                                                                 std::span<const Eigen::Vector3d> positions_W);
+/// The same, told more of. @param check  may allow what has changed, and has the warnings
+[[nodiscard]] ACCESSVDB_API std::vector<StoredAnswer> answersAt(const Index& index,
+                                                                std::span<const Eigen::Vector3d> positions_W,
+                                                                io::OutputCheck& check);
 
 /// Points of all tiles for a picture, evenly thinned to about `most`: in parts, one tile in memory at a time.
-/// @throws from FieldParts::read: InputError "tile.damaged"
+/// @throws from FieldParts::read: InputError "output.changed", "tile.damaged"
 [[nodiscard]] ACCESSVDB_API io::FieldParts partsOf(const Index& index, std::uint64_t most);
+/// The same, told more of. @param check  may allow what has changed, and has the warnings
+[[nodiscard]] ACCESSVDB_API io::FieldParts partsOf(const Index& index, std::uint64_t most,
+                                                   std::shared_ptr<io::OutputCheck> check);
 /// The same at once.
-[[nodiscard]] ACCESSVDB_API FieldSnapshot overview(const Index& index, std::uint64_t most);
+[[nodiscard]] ACCESSVDB_API FieldSnapshot overview(const Index& index, std::uint64_t most, bool allow_changed = false);
 
 /// Writes the points of all tiles into one file: byte for byte the points.ply of one piece, except that its `device` is
 /// "mixed" where tiles ran on different ones. A file named .las gets the points.las of one piece instead.

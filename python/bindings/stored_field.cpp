@@ -10,9 +10,11 @@
 #include <utility>
 
 #include "accessvdb/field_io.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/tiles.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
+#include "bindings/settings.h"
 #include "bindings/snapshot.h"
 
 namespace py = pybind11;
@@ -21,6 +23,11 @@ namespace accessvdb::python {
 namespace {
 
 Eigen::Vector3d vectorOf(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+
+struct StoredTiles {
+  tiles::Index index;
+  bool allow_changed = false;
+};
 
 }  // namespace
 
@@ -37,10 +44,15 @@ void bindStoredField(py::module_& module) {
 
   using S = io::StoredField;
   py::class_<S, std::shared_ptr<S>>(module, "StoredField", "A field read back from an output folder.")
-      .def(py::init([](const std::filesystem::path& folder) {
-             return withoutLock([&] { return std::make_shared<S>(S::open(folder)); });
+      .def(py::init([](const std::filesystem::path& folder, const py::object& allow_changed) {
+             const bool allow = boolFrom("allow_changed", allow_changed);
+             return withoutLock([&] {
+               io::OutputCheck check(allow);
+               return std::make_shared<S>(S::open(folder, check));
+             });
            }),
-           py::arg("folder"))
+           py::arg("folder"), py::kw_only(), py::arg("allow_changed") = false,
+           "allow_changed: read files that are not as they were written, too; else they raise InputError.")
       .def(
           "at", [](const S& s, const py::object& p_W) { return s.at(vector3("p_W", p_W)); }, py::arg("p_W"),
           "A StoredAnswer for one position in the world frame.")
@@ -52,20 +64,26 @@ void bindStoredField(py::module_& module) {
           },
           "The FieldSnapshot that was written.");
 
-  using T = tiles::Index;
+  using T = StoredTiles;
   py::class_<T>(module, "StoredTiles", "A map in tiles read back from its output folder, one tile in memory at a time.")
-      .def(py::init([](const std::filesystem::path& folder) {
-             return withoutLock([&] { return tiles::readIndex(folder); });
+      .def(py::init([](const std::filesystem::path& folder, const py::object& allow_changed) {
+             const bool allow = boolFrom("allow_changed", allow_changed);
+             return withoutLock([&] {
+               io::OutputCheck check(allow);
+               return T{tiles::readIndex(folder, check), allow};
+             });
            }),
-           py::arg("folder"))
-      .def_readonly("complete", &T::complete, "Whether every tile is finished.")
-      .def_property_readonly("origin_W", [](const T& t) { return arrayOf(vectorOf(t.origin_W)); })
-      .def_readonly("voxel_size_m", &T::voxel_size_m)
+           py::arg("folder"), py::kw_only(), py::arg("allow_changed") = false,
+           "allow_changed: read tiles that are not as they were written, too; else they raise InputError.")
+      .def_property_readonly(
+          "complete", [](const T& t) { return t.index.complete; }, "Whether every tile is finished.")
+      .def_property_readonly("origin_W", [](const T& t) { return arrayOf(vectorOf(t.index.origin_W)); })
+      .def_property_readonly("voxel_size_m", [](const T& t) { return t.index.voxel_size_m; })
       .def_property_readonly(
           "folders",
           [](const T& t) {
             std::vector<std::filesystem::path> folders;
-            for (const tiles::IndexedTile& tile : t.tiles) folders.push_back(tile.folder);
+            for (const tiles::IndexedTile& tile : t.index.tiles) folders.push_back(tile.folder);
             return folders;
           },
           "Of each tile, with its points.ply, field.vdb and field_points.vdb; StoredField opens one.")
@@ -73,12 +91,17 @@ void bindStoredField(py::module_& module) {
           "at",
           [](const T& t, const py::object& p_W) {
             const Eigen::Vector3d position_W = vector3("p_W", p_W);
-            return withoutLock([&] { return tiles::answersAt(t, {&position_W, 1}).front().field; });
+            return withoutLock([&] {
+              io::OutputCheck check(t.allow_changed);
+              return tiles::answersAt(t.index, {&position_W, 1}, check).front().field;
+            });
           },
           py::arg("p_W"), "A StoredAnswer for one position in the world frame.")
       .def(
           "overview",
-          [](const T& t, std::uint64_t most) { return withoutLock([&] { return keep(tiles::overview(t, most)); }); },
+          [](const T& t, std::uint64_t most) {
+            return withoutLock([&] { return keep(tiles::overview(t.index, most, t.allow_changed)); });
+          },
           py::arg("most"), "A FieldSnapshot of all tiles, evenly thinned to about `most` points.");
 
   module.def(

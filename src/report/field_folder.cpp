@@ -3,6 +3,7 @@
 #include "report/field_folder.h"
 
 #include "accessvdb/error.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/tiles.h"
 
 namespace accessvdb::internal {
@@ -20,10 +21,11 @@ struct Enough {};
 
 }  // namespace
 
-FieldFolder FieldFolder::open(const std::filesystem::path& path) {
+FieldFolder FieldFolder::open(const std::filesystem::path& path, io::OutputCheck& check) {
   FieldFolder folder;
   folder.path = path;
   if (!tiles::hasIndex(path)) {
+    check.begin(path, {kPointsFile});
     const io::PointsHeader header = io::readPointsHeader(path / kPointsFile);
     folder.files = {{"", path / kPointsFile, header.points}};
     folder.points = header.points;
@@ -32,11 +34,12 @@ FieldFolder FieldFolder::open(const std::filesystem::path& path) {
     folder.metadata = header.metadata;
     return folder;
   }
-  const tiles::Index index = tiles::readIndex(path);
+  const tiles::Index index = tiles::readIndex(path, check);
   folder.origin_W = {index.origin_W[0], index.origin_W[1], index.origin_W[2]};
   folder.voxel_size_m = index.voxel_size_m;
   folder.complete = index.complete;
   for (const tiles::IndexedTile& tile : index.tiles) {
+    tiles::beginCheck(check, tile, {kPointsFile});
     const PointFile file = {tile.id.name(), tile.folder / kPointsFile, tile.points};
     const io::PointsHeader header = io::readPointsHeader(file.path);
     if (header.points != tile.points) failDamaged(file.path);

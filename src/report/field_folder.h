@@ -31,8 +31,8 @@ struct FieldFolder {
   io::FieldMetadata metadata;  ///< of the first file
   bool complete = true;        ///< every tile is finished
 
-  /// Reads headers only. @throws InputError
-  static FieldFolder open(const std::filesystem::path& folder);
+  /// Reads headers only. @param check  begins with the files  @throws InputError
+  static FieldFolder open(const std::filesystem::path& folder, io::OutputCheck& check);
   /// Text of one entry of the metadata; empty if there is none.
   [[nodiscard]] std::string metadataOf(const std::string& name) const;
   /// Hands over all points, file by file, in the order of their ids, until `take` returns false.

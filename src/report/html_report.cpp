@@ -12,6 +12,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 #include "report/field_folder.h"
@@ -49,7 +50,7 @@ Json jsonVector(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.
 class Page {
  public:
   Page(const std::filesystem::path& path, const HtmlReportOptions& options)
-      : options_(options), folder_(internal::FieldFolder::open(path)), run_(internal::RunRecord::read(path)) {
+      : options_(options), folder_(openChecked(path)), run_(internal::RunRecord::read(path)) {
     result_.points = folder_.points;
     if (run_.surface_points && *run_.surface_points != folder_.points) {
       warn("report.counts", "report.json is about " + std::to_string(*run_.surface_points) +
@@ -73,6 +74,13 @@ class Page {
   [[nodiscard]] HtmlReport result() const { return result_; }
 
  private:
+  internal::FieldFolder openChecked(const std::filesystem::path& path) {
+    OutputCheck check(options_.allow_changed);
+    auto folder = readChecked(check, [&] { return internal::FieldFolder::open(path, check); });
+    result_.warnings = check.warnings();
+    result_.notices = check.notices();
+    return folder;
+  }
   void warn(const std::string& id, const std::string& text) { result_.warnings.emplace_back(id, text); }
 
   void writePart(std::ostream& out, std::string_view name) {
@@ -162,6 +170,7 @@ class Page {
     return json;
   }
 
+  /// Not of report.json, which has the hash of this page.
   Json hashes() const {
     Json list = Json::array();
     const auto add = [&](const char* file) {
@@ -171,7 +180,6 @@ class Page {
         list.push_back({{"path", file}, {"sha256", sha256OfFile(path)}});
       }
     };
-    if (!run_.sha256.empty()) list.push_back({{"path", "report.json"}, {"sha256", run_.sha256}});
     add(folder_.files.size() == 1 && folder_.files[0].tile.empty() ? "points.ply" : "field.json");
     return list;
   }
@@ -203,9 +211,9 @@ class Page {
   }
 
   const HtmlReportOptions& options_;
+  HtmlReport result_;
   internal::FieldFolder folder_;
   internal::RunRecord run_;
-  HtmlReport result_;
   std::array<std::array<ClassCount, kNumPointReasons>, kNumPointLabels> classes_ = {};
   Eigen::AlignedBox3d bounds_W_;
   Json blocks_ = Json::array(), directions_ = Json::array(), ups_ = Json::array();

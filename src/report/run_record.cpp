@@ -6,7 +6,6 @@
 #include <fstream>
 
 #include "accessvdb/error.h"
-#include "accessvdb/scan_io.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -68,7 +67,6 @@ RunRecord RunRecord::read(const std::filesystem::path& folder) {
   std::ifstream in(path, std::ios::binary);
   const Json json = Json::parse(in, nullptr, false);
   if (json.is_discarded() || !json.is_object()) fail("is not valid JSON");
-  record.sha256 = io::sha256OfFile(path);
 
   const Json& counts = entry(json, "counts");
   if (entry(counts, "surface_points").is_number_unsigned()) record.surface_points = counts["surface_points"];

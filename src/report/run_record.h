@@ -16,7 +16,6 @@ struct RunRecord {
   nlohmann::ordered_json shown;  ///< an object; null without a report.json
   std::optional<std::uint64_t> surface_points;
   std::string tool_file_sha256;  ///< of the tool's file, if it was read from one
-  std::string sha256;            ///< of report.json itself
 
   /// @throws InputError "input.report" for what is not JSON
   static RunRecord read(const std::filesystem::path& folder);

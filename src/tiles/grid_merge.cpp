@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 
 [[noreturn]] void failDamaged(const fs::path& path) {
-  throw InputError("tile.damaged", path.string(), "is not as it was written",
+  throw InputError("tile.damaged", path.string(), "cannot be read",
                    "Delete its folder and run accessvdb tile run again");
 }
 

@@ -22,12 +22,11 @@ constexpr const char *kOrientationLine = "property ushort orientation", *kRollLi
 
 }  // namespace
 
-HashedFile::HashedFile(std::filesystem::path path, std::string sha256, std::size_t block_bytes)
-    : path_(std::move(path)), expected_(std::move(sha256)), block_bytes_(block_bytes) {}
+HashedFile::HashedFile(std::filesystem::path path, std::string sha256, std::string cure, std::size_t block_bytes)
+    : path_(std::move(path)), expected_(std::move(sha256)), cure_(std::move(cure)), block_bytes_(block_bytes) {}
 
 void HashedFile::fail() const {
-  throw InputError("tile.damaged", path_.string(), "is not as it was written",
-                   "Delete its folder and run accessvdb tile run again");
+  throw InputError("output.changed", path_.string(), "has changed since it was written, or is gone", cure_);
 }
 
 void HashedFile::refill() {
@@ -104,7 +103,12 @@ HashedFile openOf(const std::filesystem::path& out, const Tile& tile, const std:
                   std::size_t block_bytes) {
   const auto file =
       std::find_if(tile.sha256.begin(), tile.sha256.end(), [&](const auto& f) { return f.first == name; });
-  return {tileFolder(out, tile.id) / name, file == tile.sha256.end() ? std::string() : file->second, block_bytes};
+  return {tileFolder(out, tile.id) / name, file == tile.sha256.end() ? std::string() : file->second,
+          cureOf(out, tile.id), block_bytes};
+}
+
+std::string cureOf(const std::filesystem::path& out, const TileId& id) {
+  return "Make it again: tiles::run() of " + id.name() + " " + out.string();
 }
 
 std::string deviceOf(const std::vector<Tile>& tiles) {

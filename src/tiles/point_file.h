@@ -18,22 +18,22 @@ namespace accessvdb::tiles {
 
 class HashedFile {
  public:
-  /// @param sha256  what the whole file must have, lower-case hexadecimal
-  HashedFile(std::filesystem::path path, std::string sha256, std::size_t block_bytes);
+  /// @param sha256  what the whole file must have, lower-case hexadecimal  @param cure  what to do if it has not
+  HashedFile(std::filesystem::path path, std::string sha256, std::string cure, std::size_t block_bytes);
 
   /// The next bytes, valid until the next call; nullptr at the end of the file, once its hash has been found right.
-  /// @param bytes  at most block_bytes  @throws InputError "tile.damaged"
+  /// @param bytes  at most block_bytes  @throws InputError "output.changed"
   [[nodiscard]] const char* take(std::size_t bytes);
-  /// Up to the next line feed, without it. @throws InputError "tile.damaged"
+  /// Up to the next line feed, without it. @throws InputError "output.changed"
   [[nodiscard]] std::string line();
-  /// Reads the rest only to hash it. @throws InputError "tile.damaged"
+  /// Reads the rest only to hash it. @throws InputError "output.changed"
   void skipToEnd();
   [[noreturn]] void fail() const;
 
  private:
   void refill();
   std::filesystem::path path_;
-  std::string expected_;
+  std::string expected_, cure_;
   std::size_t block_bytes_;
   std::vector<char> buffer_;
   std::size_t begin_ = 0, end_ = 0;
@@ -51,9 +51,12 @@ struct TilePointsHeader {
 };
 [[nodiscard]] TilePointsHeader readHeader(HashedFile& file);
 
-/// Of the file in the tile's folder. @throws InputError "tile.damaged" if the manifest does not name it
+/// Of the file in the tile's folder. What its manifest does not name is not as it was written.
 [[nodiscard]] HashedFile openOf(const std::filesystem::path& out, const Tile& tile, const std::string& name,
                                 std::size_t block_bytes);
+
+/// What to do about a tile whose files are not as they were written.
+[[nodiscard]] std::string cureOf(const std::filesystem::path& out, const TileId& id);
 
 /// The text of `device` in merged files.
 [[nodiscard]] std::string deviceOf(const std::vector<Tile>& tiles);

@@ -4,8 +4,10 @@
 #include <map>
 
 #include "accessvdb/error.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/tiles.h"
 #include "io/results/surface_voxels.h"
+#include "tiles/tile_files.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -52,6 +54,12 @@ class Joined {
 }  // namespace
 
 std::vector<StoredAnswer> answersAt(const Index& index, std::span<const Eigen::Vector3d> positions_W) {
+  io::OutputCheck check;
+  return answersAt(index, positions_W, check);
+}
+
+std::vector<StoredAnswer> answersAt(const Index& index, std::span<const Eigen::Vector3d> positions_W,
+                                    io::OutputCheck& check) {
   const Eigen::Vector3d origin_W = {index.origin_W[0], index.origin_W[1], index.origin_W[2]};
   const auto voxelOf = [&](const Eigen::Vector3d& p_W) {
     return internal::voxelAt(p_W - origin_W, index.voxel_size_m);
@@ -63,7 +71,10 @@ std::vector<StoredAnswer> answersAt(const Index& index, std::span<const Eigen::V
     std::optional<io::StoredField> field;  // one tile is in memory at a time
     for (Joined& place : joined) {
       if (!isIn(core, place.ijk(), kAroundVoxels)) continue;
-      if (!field) field.emplace(io::StoredField::open(tile.folder));
+      if (!field) {
+        beginCheck(check, tile, {kPointsFile, kGridsFile});
+        field.emplace(io::StoredField::open(tile.folder, check));
+      }
       const io::StoredField::Answer found = field->at(place.answer().field.position_W);
       const bool own_voxel = found.point && voxelOf(found.point->position_W) == place.ijk();
       place.add(tile, found, isIn(core, place.ijk(), 0), own_voxel);

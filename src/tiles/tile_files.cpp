@@ -130,6 +130,22 @@ void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
                                      {"files", files}});
 }
 
+void removeTile(const fs::path& out, const TileId& id) {
+  const fs::path folder = tileFolder(out, id);
+  refuseForeign(ownFilesOfTile(folder));
+  // Named as an attempt, of which the next run removes what is left.
+  std::random_device random;
+  const std::string number = std::to_string(std::uint64_t{random()} << 32 | random());
+  const fs::path aside = tilesFolder(out) / std::string(".").append(id.name()).append(kAttemptMark).append(number);
+  std::error_code error;
+  fs::rename(folder, aside, error);
+  if (error) {
+    throw OutputError("output.write", folder.string(), "cannot be deleted (" + error.message() + ")",
+                      "Check the folder's permissions");
+  }
+  removeOwn(ownFilesOfTile(aside));
+}
+
 bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {
   std::error_code ignored;
   if (!fs::exists(splitMark(out, id), ignored)) return false;

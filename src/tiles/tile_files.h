@@ -29,6 +29,9 @@ inline constexpr const char* kTileManifest = "tile.json";
 /// @param folder  where the tile's files are until they are complete
 void writeTile(const std::filesystem::path& folder, const Plan& plan, const Tile& tile);
 
+/// Takes the folder of a finished tile away, as a whole, and deletes it. @throws OutputError "output.foreign"
+void removeTile(const std::filesystem::path& out, const TileId& id);
+
 [[nodiscard]] bool isSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
 void markSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
 /// Left beside the tiles by who has given this one up, until it is finished or split.

@@ -4,8 +4,10 @@
 #include <algorithm>
 
 #include "accessvdb/error.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/tiles.h"
 #include "tiles/json_file.h"
+#include "tiles/point_file.h"
 #include "tiles/tile_files.h"
 
 namespace accessvdb::tiles {
@@ -13,7 +15,24 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path indexFile(const fs::path& out) { return out / "field.json"; }
+constexpr const char* kIndexFile = "field.json";
+
+fs::path indexFile(const fs::path& out) { return out / kIndexFile; }
+
+/// Whether the tile has been made again since, by its own manifest: after another flight, say.
+bool isNewerThanIndex(const IndexedTile& tile) {
+  bool other = false;
+  try {
+    readJson(tile.folder / kTileManifest, "tile", [&](const Json& json) {
+      const Json& files = json.at("files");
+      other = !std::all_of(tile.sha256.begin(), tile.sha256.end(), [&](const auto& file) {
+        return files.contains(file.first) && files[file.first] == file.second;
+      });
+    });
+  } catch (const InputError&) {  // then it is damaged, and nothing newer
+  }
+  return other;
+}
 
 }  // namespace
 
@@ -69,13 +88,37 @@ Index readIndex(const fs::path& out) {
       entry.at("reasons").get_to(tile.reasons);
       entry.at("min_W").get_to(tile.min_W);
       entry.at("max_W").get_to(tile.max_W);
+      if (entry.contains("files")) {
+        for (const auto& [name, sha256] : entry["files"].items()) tile.sha256.emplace_back(name, sha256);
+      }
       index.tiles.push_back(std::move(tile));
     }
   });
   return index;
 }
 
+Index readIndex(const fs::path& out, io::OutputCheck& check) {
+  if (hasIndex(out)) check.begin(out, {kIndexFile});
+  return io::readChecked(check, [&] { return readIndex(out); });
+}
+
+void beginCheck(io::OutputCheck& check, const IndexedTile& tile, const std::vector<std::string>& names) {
+  const fs::path out = tile.folder.parent_path().parent_path();
+  const std::string advice = isNewerThanIndex(tile)
+                                 ? "The tile was made again since: run accessvdb tile merge " + out.string()
+                                 : cureOf(out, tile.id) + "; allow_changed reads a file that you changed on purpose";
+  for (const std::string& name : names) {
+    const auto file =
+        std::find_if(tile.sha256.begin(), tile.sha256.end(), [&](const auto& f) { return f.first == name; });
+    check.begin(tile.folder / name, file == tile.sha256.end() ? std::string() : file->second, kIndexFile, advice);
+  }
+}
+
 io::FieldParts partsOf(const Index& index, std::uint64_t most) {
+  return partsOf(index, most, std::make_shared<io::OutputCheck>());
+}
+
+io::FieldParts partsOf(const Index& index, std::uint64_t most, std::shared_ptr<io::OutputCheck> check) {
   io::FieldParts parts;
   parts.origin_W = {index.origin_W[0], index.origin_W[1], index.origin_W[2]};
   parts.voxel_size_m = index.voxel_size_m;
@@ -87,11 +130,13 @@ io::FieldParts partsOf(const Index& index, std::uint64_t most) {
     for (std::size_t n = 0; n < tile.reasons.size(); ++n) parts.reasons[n] += tile.reasons[n];
   }
   const std::uint64_t every = std::max<std::uint64_t>(1, (all + most - 1) / std::max<std::uint64_t>(most, 1));
-  parts.read = [tiles = index.tiles, every](std::size_t part) {
+  parts.read = [tiles = index.tiles, every, check = std::move(check)](std::size_t part) {
     const fs::path file = tiles.at(part).folder / kPointsFile;
+    beginCheck(*check, tiles.at(part), {kPointsFile});
     try {
-      return io::readPointsPly(file, every);
-    } catch (const InputError&) {
+      return io::readChecked(*check, [&] { return io::readPointsPly(file, every); });
+    } catch (const InputError& error) {
+      if (error.id() == "output.changed" || error.id() == "input.contradictory") throw;
       throw InputError("tile.damaged", file.string(), "is not as it was written",
                        "Delete its folder and run accessvdb tile run again");
     }
@@ -99,8 +144,8 @@ io::FieldParts partsOf(const Index& index, std::uint64_t most) {
   return parts;
 }
 
-FieldSnapshot overview(const Index& index, std::uint64_t most) {
-  const io::FieldParts parts = partsOf(index, most);
+FieldSnapshot overview(const Index& index, std::uint64_t most, bool allow_changed) {
+  const io::FieldParts parts = partsOf(index, most, std::make_shared<io::OutputCheck>(allow_changed));
   FieldSnapshot all;
   all.origin_W = parts.origin_W;
   all.voxel_size_m = parts.voxel_size_m;

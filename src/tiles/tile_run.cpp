@@ -19,6 +19,7 @@
 #include "field/field_access.h"
 #include "field/field_files.h"
 #include "points/point_store.h"
+#include "tiles/point_file.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
 #include "tiles/tile_files.h"
@@ -214,11 +215,24 @@ void requireRoomForTool(const Job& job, const RunLimits& limits) {
                       "Allow more memory, or use a larger voxel");
 }
 
+/// A tile that is asked for by name is made again if it was damaged, which is what errors about it advise.
+bool isAsWritten(const fs::path& out, const Tile& tile) {
+  try {
+    for (const auto& [name, sha256] : tile.sha256) openOf(out, tile, name, std::size_t{1} << 20).skipToEnd();
+    return true;
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
   const Job& job = run.job;
   if (const auto tile = readTile(job.out, job.plan, id, run.flights)) {
-    done.push_back(*tile);
-    return;
+    if (isAsWritten(job.out, *tile)) {
+      done.push_back(*tile);
+      return;
+    }
+    removeTile(job.out, id);
   }
   if (!isSplit(job.out, job.plan, id)) {
     requireRoomForTool(job, run.limits);

@@ -152,11 +152,11 @@ TEST_F(TileDamage, TilesAreNotMerged) {
       } else {
         put(folder + file, whole + "x");
       }
-      EXPECT_TRUE(has(refuse(merge, 3, "tile.damaged"), name + "/" + file));
+      EXPECT_TRUE(has(refuse(merge, 3, "output.changed"), name + "/" + file));
       put(folder + file, whole);
     }
     fs::remove(path(folder + file));
-    EXPECT_TRUE(has(refuse(merge, 3, "tile.damaged"), name + "/" + file));
+    EXPECT_TRUE(has(refuse(merge, 3, "output.changed"), name + "/" + file));
     put(folder + file, whole);
   }
   damaged(folder + "tile.json", [&] { refuse(merge, 3, "tile.damaged"); });
@@ -168,6 +168,56 @@ TEST_F(TileDamage, TilesAreNotMerged) {
   succeed(step("run"));
   expectOnePiece();
   expectNoLeftovers();
+}
+
+/// Whatever reads it, and what the line advises is the cure.
+TEST_F(TileDamage, TilesThatHaveChangedAreNotRead) {
+  succeed(map({"--tiles", "6.4", "--keep-rays"}));
+  const std::string name = tilesOf().front(), points = "out/tiles/" + name + "/points.ply",
+                    grids = "out/tiles/" + name + "/field.vdb",
+                    cure = "accessvdb tile run --tile " + name + " " + path("out");
+  const tiles::Index index = tiles::readIndex(path("out"));
+  const auto tile = std::ranges::find_if(index.tiles, [&](const auto& one) { return one.id.name() == name; });
+  ASSERT_NE(tile, index.tiles.end());
+  std::string at;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto n = static_cast<std::size_t>(axis);
+    at += std::to_string((tile->min_W[n] + tile->max_W[n]) / 2) + (axis < 2 ? "," : "");
+  }
+  fs::copy(path("out"), path("before"), fs::copy_options::recursive);
+  const std::vector<Flags> readers = {{"query", "--map", path("out"), "--at", at},
+                                      {"diff", path("out"), path("before")},
+                                      {"diff", path("before"), path("out")},
+                                      {"render", "--map", path("out"), "--out", path("top.png")},
+                                      {"report", "--map", path("out"), "--out", path("page.html")},
+                                      step("merge", {"--keep-rays"})};
+  for (const Flags& flags : readers) succeed(flags);
+  const std::string whole = readText(points), whole_grids = readText(grids);
+  for (const std::size_t place : {whole.size() / 3, whole.size() - 1, whole.size()}) {
+    SCOPED_TRACE("byte " + std::to_string(place));
+    put(points, whole + "x");
+    if (place < whole.size()) put(points, whole), flipByte(points, place);
+    for (const Flags& flags : readers) {
+      const std::string line = refuse(flags, 3, "output.changed");
+      EXPECT_TRUE(has(line, points.substr(4)) && has(line, cure)) << line;
+    }
+  }
+  put(points, whole);
+  put(grids, whole_grids.substr(0, whole_grids.size() / 2));
+  EXPECT_TRUE(has(refuse(readers[0], 3, "output.changed"), cure));
+  // Of another place: whole, with a manifest that is right.
+  put(grids, whole_grids);
+  const std::string index_text = readText("out/field.json");
+  put("out/field.json", readText("out/tiles/" + name + "/tile.json"));
+  refuse(readers[0], 3, "output.changed");
+  put("out/field.json", index_text);
+  flipByte(points, whole.size() / 2);
+  flipByte(grids, whole_grids.size() / 2);
+  succeed(step("run", {"--tile", name}));
+  EXPECT_TRUE(readText(points) == whole);
+  EXPECT_TRUE(readText(grids) == whole_grids);
+  for (const Flags& flags : readers) succeed(flags);
+  expectOnePiece();
 }
 
 TEST_F(TileDamage, ATileIsMadeAgainAfterTheRaysAreGone) {

@@ -65,6 +65,27 @@ class StoredTiles(unittest.TestCase):
                 self.assertEqual(one.point.label, tiled.point.label)
         self.assertGreater(found, 20)
 
+    def test_what_has_changed_is_refused_unless_allowed(self):
+        for source in ("one", "tiled"):
+            shutil.copytree(WORK / source, WORK / ("changed_" + source))
+        folder = WORK / "changed_tiled/tiles" / self.tiled.folders[0].name
+        for file in (WORK / "changed_one/points.ply", folder / "points.ply"):
+            # In a comment, so that it can still be read.
+            file.write_bytes(file.read_bytes().replace(b"comment AccessVDB 0", b"comment AccessVDB 9", 1))
+        tiled = accessvdb.StoredTiles(WORK / "changed_tiled")
+        for read in (
+            lambda: accessvdb.StoredField(WORK / "changed_one"),
+            lambda: accessvdb.StoredField(folder),
+            lambda: tiled.overview(10**9),
+        ):
+            with self.assertRaises(accessvdb.InputError) as caught:
+                read()
+            self.assertEqual(caught.exception.id, "output.changed")
+        allowed = accessvdb.StoredField(WORK / "changed_one", allow_changed=True)
+        self.assertEqual(len(allowed.points), len(self.one.points))
+        allowed = accessvdb.StoredTiles(WORK / "changed_tiled", allow_changed=True)
+        self.assertEqual(len(allowed.overview(10**9)), len(self.one.points))
+
     def test_a_folder_without_tiles_is_refused(self):
         with self.assertRaises(accessvdb.InputError) as caught:
             accessvdb.StoredTiles(WORK / "one")

@@ -24,6 +24,7 @@ struct HtmlReportOptions {
   std::uint64_t most_points = 1'000'000;
   const ToolGeometry* tool = nullptr;  ///< drawn at the point that is clicked; must live as long as the call
   std::filesystem::path tool_file;     ///< it was read from; empty for built-in tools
+  bool allow_changed = false;          ///< draw files that are not as they were written, too (output_check.h)
   static constexpr std::uint64_t kLeastPoints = 1000;
 };
 
@@ -31,13 +32,14 @@ struct HtmlReportOptions {
 struct HtmlReport {
   std::uint64_t points = 0, drawn = 0;  ///< surface points of the field, and those in the page
   double cell_m = 0;                    ///< edge of the thinning grid; 0 where all points are drawn
-  /// Id and text: the folder's files contradict each other, the tool is not that of the run.
+  /// Id and text: the folder's files contradict each other or have changed, the tool is not that of the run.
   std::vector<std::pair<std::string, std::string>> warnings;
+  std::vector<std::string> notices;  ///< what was read without hashes
 };
 
 /// Writes the page of an output folder of `map`, whole or in tiles (read one at a time). The same folder gives the same
 /// bytes.
-/// @throws InvalidArgument (options), InputError (no such folder, damaged files), OutputError
+/// @throws InvalidArgument (options), InputError (no such folder, files that were damaged or changed), OutputError
 ACCESSVDB_API HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesystem::path& folder,
                                          const HtmlReportOptions& options = {});
 

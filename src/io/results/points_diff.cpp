@@ -29,13 +29,21 @@ struct Earlier {
   bool met = false;  ///< a point of the later map could be its counterpart
 };
 
+/// As operator<, which calls memcmp for each of the comparisons that a diff mostly consists of.
+bool isBefore(const Voxel& a, const Voxel& b) {
+  if (a[0] != b[0]) return a[0] < b[0];
+  if (a[1] != b[1]) return a[1] < b[1];
+  return a[2] < b[2];
+}
+
 bool beforeInSpace(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::tie(a.x(), a.y(), a.z()) < std::tie(b.x(), b.y(), b.z());
 }
 
 /// By voxel, then by position: an order that no division into files changes.
 bool before(const Earlier& a, const Earlier& b) {
-  return a.voxel != b.voxel ? a.voxel < b.voxel : beforeInSpace(a.position_W, b.position_W);
+  if (isBefore(a.voxel, b.voxel)) return true;
+  return !isBefore(b.voxel, a.voxel) && beforeInSpace(a.position_W, b.position_W);
 }
 
 /// The header that all files of a map share.
@@ -109,7 +117,7 @@ class EarlierPoints {
         points_.push_back({point.position_W, voxelOf(point.position_W), point.label, point.reason});
       });
     }
-    tbb::parallel_sort(points_.begin(), points_.end(), before);
+    tbb::parallel_sort(points_.begin(), points_.end(), [](const Earlier& a, const Earlier& b) { return before(a, b); });
   }
 
   /// The counterpart of a point of the later map, if any; marks all that could be.
@@ -122,8 +130,9 @@ class EarlierPoints {
       for (std::int32_t dy = -reach; dy <= reach; ++dy) {
         const Voxel low = {centre[0] + dx, centre[1] + dy, centre[2] - reach};
         const std::int32_t last_z = centre[2] + reach;
-        auto at = std::lower_bound(points_.begin(), points_.end(), low,
-                                   [](const Earlier& point, const Voxel& voxel) { return point.voxel < voxel; });
+        auto at = std::lower_bound(points_.begin(), points_.end(), low, [](const Earlier& point, const Voxel& voxel) {
+          return isBefore(point.voxel, voxel);
+        });
         for (; at != points_.end() && at->voxel[0] == low[0] && at->voxel[1] == low[1] && at->voxel[2] <= last_z;
              ++at) {
           const double distance = (at->position_W - p_W).squaredNorm();

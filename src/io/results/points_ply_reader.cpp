@@ -12,6 +12,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/tool_spec.h"
 #include "io/results/points_ply.h"
+#include "io/results/row_rules.h"
 
 namespace accessvdb::io {
 namespace {
@@ -59,6 +60,7 @@ class PlyReader {
   /// Its count is that of the records which follow.
   PointsHeader header() {
     header_ = readHeader();
+    rules_ = internal::RowRules(header_.columns, header_.metadata);
     if (!header_.origin_W || !header_.voxel_size_m) fail("foreign", "has no origin_W and voxel_size_m of AccessVDB");
     if (!header_.origin_W->allFinite() || !(*header_.voxel_size_m > 0) || !std::isfinite(*header_.voxel_size_m)) {
       fail("malformed", "has an origin or a voxel size that is not a usable number");
@@ -84,6 +86,7 @@ class PlyReader {
         SurfacePoint point =
             parseRecord(block.data() + i * header_.recordBytes(), static_cast<std::uint32_t>(done + i));
         complete(point, header_);
+        requireConsistent(point);
         take(point);
       }
       done += records;
@@ -198,6 +201,14 @@ class PlyReader {
     return point;
   }
 
+  void requireConsistent(const SurfacePoint& point) const {
+    const char* const why = rules_.contradictionIn(point);
+    if (why == nullptr) return;
+    throw InputError("input.contradictory", path_,
+                     "contradicts itself in point " + std::to_string(point.id) + " (" + name(point.label) + "): " + why,
+                     "The file was damaged or changed: copy it again, or run accessvdb map again");
+  }
+
   /// Derives direction index, weight and the confident flag, which are not columns, from the parameters.
   static void complete(SurfacePoint& point, const FieldPlyHeader& header) {
     if (!header.columns.orientation && !point.direction_W.isZero()) {
@@ -226,6 +237,7 @@ class PlyReader {
   std::string path_;
   std::ifstream stream_;
   FieldPlyHeader header_;
+  internal::RowRules rules_;
   std::uint64_t size_ = 0, header_bytes_ = 0;
 };
 

@@ -6,6 +6,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/output_check.h"
 #include "io/results/surface_voxels.h"
 #include "io/results/vdb_reading.h"
 
@@ -111,6 +112,11 @@ StoredField::~StoredField() = default;
 StoredField::StoredField(StoredField&&) noexcept = default;
 
 StoredField StoredField::open(const std::filesystem::path& folder) {
+  OutputCheck check;
+  return open(folder, check);
+}
+
+StoredField StoredField::open(const std::filesystem::path& folder, OutputCheck& check) {
   std::error_code error;
   if (std::filesystem::is_regular_file(folder, error)) throwFileNotFolder(folder);
   if (!std::filesystem::is_directory(folder, error)) {
@@ -122,7 +128,9 @@ StoredField StoredField::open(const std::filesystem::path& folder) {
     }
   }
   auto impl = std::make_unique<Impl>();
-  impl->field = readPointsPly(folder / "points.ply");
+  check.begin(folder, {"points.ply", "field.vdb"});
+  // The hash of the grids is known before they are read: OpenVDB takes many damaged ones without complaint.
+  impl->field = readChecked(check, [&] { return readPointsPly(folder / "points.ply"); });
   impl->map = readGridsGuarded(folder / "field.vdb");
   if (impl->map.origin_W != impl->field.origin_W || impl->map.voxel_size_m != impl->field.voxel_size_m) {
     throwNotAField(folder,

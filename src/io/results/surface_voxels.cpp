@@ -24,6 +24,18 @@ std::tuple<openvdb::Int32, openvdb::Int32, openvdb::Int32> leafKey(const openvdb
   return {ijk.x() & kLeafMask, ijk.y() & kLeafMask, ijk.z() & kLeafMask};
 }
 
+/// By leaf, then by voxel, then by index. Written out: of tuples it took a third of a query's time.
+bool isBefore(const SurfaceVoxels::Entry& a, const SurfaceVoxels::Entry& b) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const openvdb::Int32 leaf_a = a.ijk[axis] & kLeafMask, leaf_b = b.ijk[axis] & kLeafMask;
+    if (leaf_a != leaf_b) return leaf_a < leaf_b;
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    if (a.ijk[axis] != b.ijk[axis]) return a.ijk[axis] < b.ijk[axis];
+  }
+  return a.index < b.index;
+}
+
 }  // namespace
 
 openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m) {
@@ -67,9 +79,7 @@ SurfaceVoxels::SurfaceVoxels(const SurfacePoints& points) : points_(points), ent
     entries_[i] = {voxelAt(points.position_W(i) - points.origin_W(), points.voxel_size_m()),
                    static_cast<std::uint32_t>(i)};
   });
-  tbb::parallel_sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) {
-    return std::make_tuple(leafKey(a.ijk), a.ijk, a.index) < std::make_tuple(leafKey(b.ijk), b.ijk, b.index);
-  });
+  tbb::parallel_sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) { return isBefore(a, b); });
   entries_.erase(
       std::unique(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) { return a.ijk == b.ijk; }),
       entries_.end());

@@ -45,7 +45,9 @@ struct World {
     point.label = static_cast<PointLabel>(random() % 3);
     point.reason =
         point.label == PointLabel::Accessible ? PointReason::None : static_cast<PointReason>(1 + random() % 6);
-    point.direction_W = {static_cast<float>(number(-1, 1)), 0, 0};
+    point.yaw_rad = static_cast<float>(number(-3, 3));
+    point.direction_W = {std::cos(point.yaw_rad), std::sin(point.yaw_rad), 0};
+    if (point.label == PointLabel::Accessible) point.score = 0;
     return point;
   }
 

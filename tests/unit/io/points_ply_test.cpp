@@ -32,11 +32,14 @@ TEST(PointsPly, SeveralToolsAreTheLastColumns) {
   FieldSnapshot field = sampleField();
   for (std::size_t n = 0; n < field.points.size(); ++n) {
     field.points[n].tool = static_cast<std::uint8_t>(n % 32);
-    field.points[n].tools = static_cast<std::uint32_t>(0x80000001u * (n + 1));
+    if (field.points[n].label != PointLabel::Accessible) continue;
+    field.points[n].tools = 0x80000001u * static_cast<std::uint32_t>(n + 1) | 1u << n % 32;
   }
+  std::string names = "t0";
+  for (int k = 1; k < 32; ++k) names += ",t" + std::to_string(k);
   for (const bool oriented : {false, true}) {
     io::FieldMetadata metadata = kMetadata;
-    metadata.emplace_back("tools", "a,b");
+    metadata.emplace_back("tools", names);
     if (oriented) metadata.emplace_back("orientations", "by_tool");
     if (oriented) metadata.emplace_back("rolls", "by_tool");
     io::writePointsPly(folder / "points.ply", field, metadata);

@@ -55,6 +55,12 @@ io::WriteOptions writeOptions(const ExportOptions& options) {
   return write;
 }
 
+std::vector<std::string> fieldFilesOf(const ExportOptions& options) {
+  std::vector<std::string> names = {"field.vdb", "field_points.vdb", "points.ply"};
+  if (options.points_format == "las") names.emplace_back("points.las");
+  return names;
+}
+
 std::string frameName(std::uint64_t frame) {
   std::string digits = std::to_string(frame);
   if (digits.size() < kMinDigits) digits.insert(0, kMinDigits - digits.size(), '0');

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "accessvdb/field_export.h"
 #include "options/flag_parser.h"
@@ -21,6 +22,9 @@ void addExportOptions(FlagParser& flags, ExportOptions& options);
 
 /// @throws InvalidArgument for an unknown word, or a codec that is not available
 [[nodiscard]] io::WriteOptions writeOptions(const ExportOptions& options);
+
+/// Names of the files that writeField() makes with these options.
+[[nodiscard]] std::vector<std::string> fieldFilesOf(const ExportOptions& options);
 
 /// field_0001.vdb for frame 1; more digits from frame 10000 on.
 [[nodiscard]] std::string frameName(std::uint64_t frame);

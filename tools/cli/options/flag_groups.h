@@ -16,7 +16,8 @@ struct FlagsOfGroup {
 };
 inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
     {"Input",
-     " --scans --poses --sensor-at --pose-format --calib --every --allow-truncated --allow-disagreement --sort-poses --trajectory "
+     " --scans --poses --sensor-at --pose-format --calib --every --allow-truncated --allow-disagreement --allow-changed "
+     "--sort-poses --trajectory "
      "--time-offset "
      "--stations --ray --laz-command --topic --pose-topic --fixed-frame --extrinsic --exclude-box --deskew --level "
      "--cloud "

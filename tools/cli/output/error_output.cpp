@@ -68,6 +68,7 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"pose_format", "--pose-format"},
     {"sensor_at_W", "--sensor-at"},
     {"allow_truncated", "--allow-truncated"},
+    {"allow_changed", "--allow-changed"},
     {"sort_poses", "--sort-poses"},
     {"time_offset_s", "--time-offset"},
     {"laz_command", "--laz-command"},
@@ -81,6 +82,7 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"another folder for the output", "another --out folder"},
     {"a folder for the output", "an --out folder"},
     {"saveState()", "map --checkpoint"},
+    {"tiles::run() of", "accessvdb tile run --tile"},
     {"tiles::removePlan", "--fresh"}};
 
 bool isNamePart(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-' || c == '/'; }

@@ -91,6 +91,10 @@ Json jsonAgreement(const io::ScanAgreement& agreement) {
   return json;
 }
 
+std::filesystem::path folderOf(const std::filesystem::path& path) {
+  return path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
+}
+
 }  // namespace
 
 std::string liveJson(const LiveReport& live) { return jsonText(jsonLive(live), -1); }
@@ -142,6 +146,8 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   for (const auto& [key, value] : report.parameters) parameters[key] = jsonValue(value);
   Json inputs = Json::array();
   for (const io::InputFile& file : report.inputs) inputs.push_back({{"path", file.path}, {"sha256", file.sha256}});
+  // What an earlier run left is as that run says.
+  const Json outputs = jsonOf(report.failure ? withEarlier(report.outputs, folderOf(path)) : report.outputs);
   Json dropped = Json::object();
   for (int i = 0; i < kNumDropReasons; ++i) dropped[name(static_cast<DropReason>(i))] = report.dropped[i];
   Json reasons = Json::object();
@@ -159,6 +165,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
       {"device", report.device},
       {"parameters", parameters},
       {"inputs", inputs},
+      {"outputs", outputs},
       {"counts",
        {{"scans", report.scans},
         {"points_in", report.points_in},

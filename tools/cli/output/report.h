@@ -21,6 +21,7 @@
 #include "accessvdb/tiles.h"
 #include "accessvdb/types.h"
 #include "output/error_output.h"
+#include "output/output_record.h"
 
 namespace accessvdb::tools {
 
@@ -83,6 +84,7 @@ struct RunReport {
   std::string device_note_id, device_note;                      ///< why --device auto is not on a GPU; else empty
   std::vector<std::pair<std::string, std::string>> parameters;  ///< flags as given, then every effective parameter
   std::vector<io::InputFile> inputs;
+  OutputEntries outputs;            ///< written by this run into the folder of the report
   std::vector<ReportedTool> tools;  ///< if there are several
 
   std::optional<std::uint64_t> resumed_after_scans;  ///< of --resume; times are those of the scans after them

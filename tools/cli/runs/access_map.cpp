@@ -76,7 +76,8 @@ std::size_t toolFor(const std::string& name, const AccessibilityField& field, co
 }  // namespace
 
 void drawAccessMap(const AccessMapOptions& options, const Eigen::Vector3d& p_W, Messages& messages) {
-  const fs::path file = stateFile(options.map, "usage.access_map", "no direction can be tried again");
+  const fs::path file =
+      stateFile(options.map, "usage.access_map", "no direction can be tried again", {options.allow_changed, messages});
   const AccessibilityField field = loadField(file, options.given, options.common, messages);
   const bool several = field.tools().size() > 1;
   const std::size_t chosen = toolFor(options.for_tool, field, p_W);

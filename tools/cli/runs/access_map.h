@@ -16,7 +16,7 @@ struct AccessMapOptions {
   MapOptions given;          ///< the tools, with what belongs to each
   std::string map, picture;  ///< state file or folder of a checkpoint; PNG
   std::string for_tool;      ///< name of one of several tools; empty: the one that stands for the point
-  bool json = false;
+  bool json = false, allow_changed = false;
 };
 
 /// Draws the picture and prints what is in it.

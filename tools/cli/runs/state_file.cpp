@@ -15,7 +15,7 @@ namespace accessvdb::tools {
 
 namespace fs = std::filesystem;
 
-fs::path stateFile(const std::string& map, const std::string& id, const std::string& why) {
+fs::path stateFile(const std::string& map, const std::string& id, const std::string& why, const ChangedState& changed) {
   std::error_code ignored;
   if (!fs::is_directory(map, ignored)) return map;
   const fs::path manifest = fs::path(map) / "state.json";
@@ -27,7 +27,17 @@ fs::path stateFile(const std::string& map, const std::string& id, const std::str
     throw InvalidArgument(id, map, "holds results, but no saved state, without which " + why,
                           "Run map with --checkpoint FOLDER, and name that folder");
   }
-  return fs::path(map) / ("state-" + std::to_string(json["generation"].get<std::uint64_t>()) + ".avst");
+  fs::path file = fs::path(map) / ("state-" + std::to_string(json["generation"].get<std::uint64_t>()) + ".avst");
+  // A state has hashes of all its parts, but may be another one.
+  if (json.contains("head_sha256") && json["head_sha256"] != inspectState(file).sha256) {
+    const std::string problem = "is not the state of which " + manifest.string() + " has the hash";
+    if (!changed.allowed) {
+      throw InputError("output.changed", file.string(), problem,
+                       "Copy the folder again or run map --checkpoint again; --allow-changed reads it all the same");
+    }
+    changed.messages.warning("output.changed", file.string() + " " + problem + "; read all the same");
+  }
+  return file;
 }
 
 AccessibilityField loadField(const fs::path& state, const MapOptions& tool_options, const CommonOptions& common,

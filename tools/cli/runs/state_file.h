@@ -12,9 +12,17 @@
 
 namespace accessvdb::tools {
 
+/// What to do about a state that is not the one of its state.json.
+struct ChangedState {
+  bool allowed;  ///< by --allow-changed: a warning
+  Messages& messages;
+};
+
 /// The state in the folder of a checkpoint, or the file itself. @param id  of the error if the folder holds none
 /// @param why  what cannot be done without: "no direction can be tried again"
-[[nodiscard]] std::filesystem::path stateFile(const std::string& map, const std::string& id, const std::string& why);
+/// @throws InputError "output.changed", and as inspectState()
+[[nodiscard]] std::filesystem::path stateFile(const std::string& map, const std::string& id, const std::string& why,
+                                              const ChangedState& changed);
 
 /// The field of a state, with its labels up to date. @throws InvalidArgument without a tool; as loadState()
 [[nodiscard]] AccessibilityField loadField(const std::filesystem::path& state, const MapOptions& tools,

@@ -78,9 +78,11 @@ void writeResult(const TiledResult& result, RunReport& report, Messages& message
   const fs::path& out = result.job.out;
   const tiles::Plan& plan = result.job.plan;
   tiles::writeIndex(out, plan, result.status);
+  addOutputs(report.outputs, out, {"field.json"});
   const io::FieldParts picture = tiles::partsOf(tiles::readIndex(out), kPicturePoints);
   if (std::ranges::any_of(picture.labels, [](std::uint64_t count) { return count > 0; })) {
     io::renderField(out / "preview.png", picture, renderOptions(result.options.picture));
+    addOutputs(report.outputs, out, {"preview.png"});
   }
   report.inputs = result.rays.inputs;
   report.scans = result.rays.steps;

@@ -1,10 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb diff: what changed between two maps of the same place.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "accessvdb/error.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/program/points_diff.h"
 #include "accessvdb/tiles.h"
 #include "options/command_line.h"
@@ -12,6 +16,7 @@
 #include "output/json_text.h"
 #include "output/output_files.h"
 #include "output/stop_signal.h"
+#include "runs/checked_results.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -20,16 +25,19 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-/// The points.ply of a folder of either kind: one, or one per tile.
-std::vector<fs::path> pointFilesOf(const fs::path& map, Messages& messages) {
+/// The points.ply of a folder of either kind: one, or one per tile. Begins to hash them.
+std::vector<fs::path> pointFilesOf(const fs::path& map, io::OutputCheck& check, Messages& messages) {
   if (tiles::hasIndex(map)) {
-    const tiles::Index index = tiles::readIndex(map);
+    const tiles::Index index = tiles::readIndex(map, check);
     if (!index.complete) {
       throw UnusableInput("diff.unfinished", map.string(), "not all of its tiles are finished",
                           "Run accessvdb tile run and accessvdb tile merge first: what is missing would count as gone");
     }
     std::vector<fs::path> files;
-    for (const tiles::IndexedTile& tile : index.tiles) files.push_back(tile.folder / "points.ply");
+    for (const tiles::IndexedTile& tile : index.tiles) {
+      tiles::beginCheck(check, tile, {"points.ply"});
+      files.push_back(tile.folder / "points.ply");
+    }
     if (files.empty()) messages.warning("field.empty", map.string() + " holds no tiles");
     return files;
   }
@@ -37,6 +45,7 @@ std::vector<fs::path> pointFilesOf(const fs::path& map, Messages& messages) {
   if (!fs::is_directory(map, error)) {
     throw InputError("input.missing", map.string(), "no such folder", "Name the output folder of accessvdb map");
   }
+  check.begin(map, {"points.ply"});
   return {map / "points.ply"};
 }
 
@@ -91,12 +100,40 @@ std::string wordsOf(const io::PointsDiff& diff) {
   return words;
 }
 
+/// A box of positions that differ, of one map.
+std::string boxOf(const io::PointsDiff& diff, io::PointChange change) {
+  Eigen::AlignedBox3d box_W;
+  for (const io::ChangedPoint& changed : diff.points) {
+    if (changed.change == change) box_W.extend(changed.point.position_W);
+  }
+  const auto corner = [](const Eigen::Vector3d& p_W) {
+    char text[96];
+    std::snprintf(text, sizeof text, "%.1f, %.1f, %.1f", p_W.x(), p_W.y(), p_W.z());
+    return std::string(text);
+  };
+  return "(" + corner(box_W.min()) + ") to (" + corner(box_W.max()) + ") m";
+}
+
+/// Two places, or one place in two frames: all that either map has is "appeared" or "gone" then.
+void warnIfApart(const io::PointsDiff& diff, Messages& messages) {
+  constexpr double kLeastShare = 0.01;  // of the smaller map
+  std::uint64_t paired = diff.same;
+  for (const auto& transition : diff.transitions) paired += transition.points;
+  const std::uint64_t smaller = std::min(diff.points_before, diff.points_after);
+  if (smaller == 0 || static_cast<double>(paired) >= kLeastShare * static_cast<double>(smaller)) return;
+  messages.warning("diff.no_overlap",
+                   "the maps do not overlap: " + std::to_string(paired) + " of " + std::to_string(smaller) +
+                       " points have a counterpart. The earlier map's lie in " + boxOf(diff, io::PointChange::Gone) +
+                       ", the later map's in " + boxOf(diff, io::PointChange::Appeared) +
+                       ": are they of one place, with poses in one world frame?");
+}
+
 }  // namespace
 
 int runDiff(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   std::string before, after, out;
-  bool json = false;
+  bool json = false, allow_changed = false;
   FlagParser flags;
   flags.describe("diff",
                  "Compares two maps of the same place, by the same tool and voxel size: which points opened, closed, "
@@ -107,6 +144,7 @@ int runDiff(const Arguments& arguments, Messages& messages) {
   flags.option("AFTER", &after, "folder of the later map");
   flags.option("--out", &out, "folder for diff.ply, diff.vdb and diff.json; without it only the table is printed");
   flags.flag("--json", json, "print the table as JSON");
+  addAllowChanged(flags, allow_changed);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
   if (before.empty() || after.empty()) {
@@ -119,7 +157,12 @@ int runDiff(const Arguments& arguments, Messages& messages) {
     io::prepareOutputFolder(out);
   }
 
-  const io::PointsDiff diff = io::diffPoints(pointFilesOf(before, messages), pointFilesOf(after, messages));
+  io::OutputCheck check(allow_changed);
+  const std::vector<fs::path> files_before = pointFilesOf(before, check, messages);
+  const std::vector<fs::path> files_after = pointFilesOf(after, check, messages);
+  const io::PointsDiff diff = io::readChecked(check, [&] { return io::diffPoints(files_before, files_after); });
+  sayFindings(check, messages);
+  warnIfApart(diff, messages);
   for (const std::string& parameter : diff.other_parameters) {
     messages.warning("diff.parameters", "the maps were made with different parameters: " + parameter);
   }

@@ -11,7 +11,9 @@
 #include "accessvdb/program/html_report.h"
 #include "options/command_line.h"
 #include "output/output_files.h"
+#include "output/output_record.h"
 #include "output/stop_signal.h"
+#include "runs/checked_results.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -56,9 +58,11 @@ void writePage(const PageSources& sources, Messages& messages) {
   io::HtmlReportOptions options;
   options.tool = sources.tool;
   options.tool_file = sources.tool_file;
+  options.allow_changed = sources.allow_changed;
   if (sources.most_points > 0) options.most_points = sources.most_points;
   const io::HtmlReport page = io::writeHtmlReport(sources.html, sources.folder, options);
   for (const auto& [id, text] : page.warnings) messages.warning(id, text);
+  for (const std::string& text : page.notices) messages.notice(text);
   if (page.cell_m > 0) {
     messages.notice("the page draws " + std::to_string(page.drawn) + " of " + std::to_string(page.points) +
                     " points: one for each reason in each cube of " + numberText(page.cell_m) + " m");
@@ -66,12 +70,14 @@ void writePage(const PageSources& sources, Messages& messages) {
   std::error_code ignored;
   messages.notice("wrote " + sources.html.string() + ", " +
                   bytesInWords(static_cast<double>(fs::file_size(sources.html, ignored))));
+  recordOutput(sources.folder, sources.html);
 }
 
 int runReport(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   ToolOptions tool_options;
   std::string map, out;
+  bool allow_changed = false;
   std::uint64_t most_points = io::HtmlReportOptions().most_points;
   FlagParser flags;
   flags.describe("report",
@@ -85,6 +91,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
   flags.option("--max-points", &most_points,
                "draw at most so many points; one per cube and reason where there are more");
   addToolOptions(flags, tool_options);
+  addAllowChanged(flags, allow_changed);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
@@ -111,6 +118,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
   sources.tool = tool ? &*tool : nullptr;
   if (drawn && !isBuiltin(drawn->tool)) sources.tool_file = drawn->tool;
   sources.most_points = most_points;
+  sources.allow_changed = allow_changed;
   writePage(sources, messages);
   return 0;
 }

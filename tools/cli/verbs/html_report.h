@@ -19,6 +19,7 @@ struct PageSources {
   const ToolGeometry* tool = nullptr;  ///< to be drawn
   std::filesystem::path tool_file;     ///< it was read from
   std::uint64_t most_points = 0;       ///< 0 = the library's limit
+  bool allow_changed = false;          ///< of the folder's files
 };
 /// Writes the page, and says what it holds and what is odd about it. @throws what io::writeHtmlReport() throws
 void writePage(const PageSources& sources, Messages& messages);

@@ -265,7 +265,9 @@ void LiveRun::finish(const LiveSession& session) {
   RunFacts facts{report_, SceneStatistics(), countPoints(report_, field.memoryUse(), *points), field.origin_W(),
                  points->voxel_size_m()};
   writeField(field, out, writeOptions(map.exported));
+  addOutputs(report_.outputs, out, fieldFilesOf(map.exported));
   io::renderField(out / "preview.png", *points, renderOptions(map.picture));
+  addOutputs(report_.outputs, out, {"preview.png"});
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   messages_.notice(agreementInWords(session.agreement()));
   messages_.notice(toolInWords(field.tool(), map.tool));

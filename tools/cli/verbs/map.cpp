@@ -219,6 +219,7 @@ bool MapRun::removeRegions(AccessibilityField& field) {
 void MapRun::writeFrame(const AccessibilityField& field) {
   writeFieldFrame(field, fs::path(options_.out) / frameName(frames_ + 1), writeOptions(options_.exported));
   ++frames_;
+  addOutputs(report_.outputs, options_.out, {frameName(frames_)});
 }
 
 void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
@@ -304,6 +305,10 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
   report_.points_used = before.points_used;
   report_.dropped = before.dropped;
   frames_ = before.frames;
+  for (OutputEntry& output : withEarlier({}, options_.out)) {
+    const bool frame = output.name.starts_with("field_") && output.name != "field_points.vdb";
+    if (frame && frames_ > 0) report_.outputs.push_back(std::move(output));
+  }
   messages_.notice(others
                        ? "adding " + std::to_string(scans.size()) + " scans to " + std::to_string(report_.scans)
                        : "going on after " + std::to_string(first) + " of " + std::to_string(scans.size()) + " scans");
@@ -329,7 +334,9 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
 
   writeField(field, out, writeOptions(options_.exported));
   written_ = true;
+  addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
   io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
+  addOutputs(report_.outputs, out, {"preview.png"});
 
   RunFacts facts{report_, scene_, surface_W, field.origin_W(), points->voxel_size_m()};
   facts.tool_size_m = (field.tool().max_T() - field.tool().min_T()).cast<double>();
@@ -363,7 +370,9 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
     const auto points = field.unscoredPoints();
     static_cast<void>(countPoints(report_, field.memoryUse(), *points));
     writeFieldUnscored(field, out, writeOptions(options_.exported));
+    addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
     io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
+    addOutputs(report_.outputs, out, {"preview.png"});
     messages_.warning("device.unscored", "saved what was fused of " + std::to_string(report_.scans) + " of " +
                                              std::to_string(scans.size()) + " scans into " + out.string() +
                                              ", all points unscored: the labels were on the GPU");

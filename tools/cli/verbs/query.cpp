@@ -13,6 +13,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "options/command_line.h"
@@ -21,6 +22,7 @@
 #include "output/json_text.h"
 #include "output/output_files.h"
 #include "runs/access_map.h"
+#include "runs/checked_results.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -45,17 +47,18 @@ Json jsonVector(const Vector& v) {
 using Answers = std::vector<tiles::StoredAnswer>;
 
 /// From a folder of either kind.
-Answers answersFrom(const std::string& map, const std::vector<Eigen::Vector3d>& positions_W, Messages& messages) {
+Answers answersFrom(const std::string& map, const std::vector<Eigen::Vector3d>& positions_W, io::OutputCheck& check,
+                    Messages& messages) {
   const auto warnIfEmpty = [&](bool empty) {
     if (empty) messages.warning("field.empty", map + " holds no surface points");
   };
   if (tiles::hasIndex(map)) {
-    const tiles::Index index = tiles::readIndex(map);
+    const tiles::Index index = tiles::readIndex(map, check);
     if (!index.complete) messages.warning("field.unfinished", "not all tiles of " + map + " are finished");
     warnIfEmpty(std::all_of(index.tiles.begin(), index.tiles.end(), [](const auto& tile) { return tile.points == 0; }));
-    return tiles::answersAt(index, positions_W);
+    return tiles::answersAt(index, positions_W, check);
   }
-  const io::StoredField field = io::StoredField::open(map);
+  const io::StoredField field = io::StoredField::open(map, check);
   warnIfEmpty(field.points().points.empty());
   Answers answers;
   for (const Eigen::Vector3d& p_W : positions_W) answers.push_back({field.at(p_W), std::nullopt});
@@ -180,6 +183,8 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   flags.list("--at", at, "X,Y,Z in the world frame, metres; may be repeated");
   flags.option("--points", &points_file, "text file, one \"x y z\" or \"x,y,z\" per line");
   flags.flag("--json", json, "answer as a JSON array");
+  bool allow_changed = false;
+  addAllowChanged(flags, allow_changed);
   AccessMapOptions access;
   flags.option("--access-map", &access.picture,
                "PNG of all directions at one point, coloured by what stops each; --map is then the folder of "
@@ -212,12 +217,15 @@ int runQuery(const Arguments& arguments, Messages& messages) {
     access.common = common;
     access.map = map;
     access.json = json;
+    access.allow_changed = allow_changed;
     drawAccessMap(access, positions_W.front(), messages);
     return 0;
   }
   Json answers = Json::array();
   std::string text;
-  const auto stored = answersFrom(map, positions_W, messages);
+  io::OutputCheck check(allow_changed);
+  const auto stored = answersFrom(map, positions_W, check, messages);
+  sayFindings(check, messages);
   const std::vector<std::string> tools = toolNames(map);
   for (const tiles::StoredAnswer& answer : stored) {
     if (json) {

@@ -4,14 +4,18 @@
 #include "accessvdb/render.h"
 
 #include <filesystem>
+#include <memory>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/output_check.h"
 #include "accessvdb/tiles.h"
 #include "options/command_line.h"
 #include "options/options.h"
 #include "output/output_files.h"
+#include "output/output_record.h"
 #include "output/stop_signal.h"
+#include "runs/checked_results.h"
 #include "runs/plausibility.h"
 #include "runs/tiled_map.h"
 #include "verbs/verbs.h"
@@ -23,6 +27,7 @@ int runRender(const Arguments& arguments, Messages& messages) {
   ToolOptions tool_options;
   PictureOptions picture;
   std::string map, out;
+  bool allow_changed = false;
   FlagParser flags;
   flags.describe("render", "Draws a field, or a tool in its frame (tip, axes, size), into a PNG file.",
                  "accessvdb render --map out/ --out top.png --view top\n"
@@ -32,6 +37,7 @@ int runRender(const Arguments& arguments, Messages& messages) {
   flags.option("--out", &out, "the PNG file to write");
   addPictureOptions(flags, picture);
   addToolOptions(flags, tool_options);
+  addAllowChanged(flags, allow_changed);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
@@ -45,15 +51,20 @@ int runRender(const Arguments& arguments, Messages& messages) {
   requireNoInputs({out}, joined(joined(filesOfTools(tool_options), {common.config}), filesOfMap(map)));
   if (!map.empty()) {
     bool empty = true;
+    const auto check = std::make_shared<io::OutputCheck>(allow_changed);
     if (tiles::hasIndex(map)) {
-      const io::FieldParts parts = tiles::partsOf(tiles::readIndex(map), kPicturePoints);
+      const io::FieldParts parts = tiles::partsOf(tiles::readIndex(map, *check), kPicturePoints, check);
       for (const std::uint64_t count : parts.labels) empty = empty && count == 0;
       io::renderField(out, parts, render);
     } else {
-      const FieldSnapshot field = io::readPointsPly(std::filesystem::path(map) / "points.ply");
+      check->begin(map, {"points.ply"});
+      const FieldSnapshot field =
+          io::readChecked(*check, [&] { return io::readPointsPly(std::filesystem::path(map) / "points.ply"); });
       empty = field.points.empty();
       io::renderField(out, field, render);
     }
+    sayFindings(*check, messages);
+    recordOutput(map, out);
     if (empty) messages.warning("field.empty", map + " holds no surface points");
   } else {
     const ToolGeometry tool = loadTool(tool_options);

@@ -299,6 +299,11 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   if (!options.points.empty() || !options.vdb.empty()) mergeFiles(open, options, status, messages);
   RunReport report;
   report.device.clear();
+  for (const std::string& file : {options.points, options.vdb}) {
+    if (const std::string name = nameInFolder(open.job.out, file); !name.empty()) {
+      addOutputs(report.outputs, open.job.out, {name});
+    }
+  }
   writeResult({open.job, open.options, rays, status}, report, messages);
   writeReport(open.job.out / "report.json", report, messages);
   tiles::removeLeftovers(open.job.out);

@@ -16,6 +16,7 @@
 #include "output/json_text.h"
 #include "output/output_files.h"
 #include "output/stop_signal.h"
+#include "runs/checked_results.h"
 #include "runs/state_file.h"
 #include "verbs/verbs.h"
 
@@ -31,7 +32,7 @@ struct WhatIfOptions {
   std::string state, segments, out;
   std::vector<std::string> remove;
   int cuts = 0;
-  bool json = false;
+  bool json = false, allow_changed = false;
 };
 
 Json threeOf(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -163,12 +164,14 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   flags.option("--cuts", &options.cuts, "with --segments: stop after so many cuts; 0 = when nothing opens");
   flags.option("--out", &options.out, "folder for whatif.ply (the points that open) and whatif.json");
   flags.flag("--json", options.json, "print the answer as JSON");
+  addAllowChanged(flags, options.allow_changed);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkOptions(options);
   endOnStopSignals(messages);
   std::vector<Region> regions;
   for (const std::string& text : options.remove) regions.push_back(parseRegion(text));
-  const fs::path file = stateFile(options.state, "usage.whatif", "nothing can be tried again");
+  const fs::path file =
+      stateFile(options.state, "usage.whatif", "nothing can be tried again", {options.allow_changed, messages});
   if (!options.out.empty()) {
     options.given.common = options.common;
     options.given.remove = options.remove;
