@@ -67,6 +67,7 @@ struct LiveOptions {
   std::size_t most_waiting_returns = 16000000;  ///< of all scans that wait, 192 MB: a further scan drops the oldest
   std::size_t most_poses = 4000;                ///< poses that are remembered: 20 s at 200 Hz
   std::size_t most_returns = 4000000;           ///< of one scan
+  double max_gap_s = 0.2;                       ///< longest time without poses that is interpolated over, 0.001 .. 10
   /// Pose of the sensor in the frame whose poses are given (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.

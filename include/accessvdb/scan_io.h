@@ -19,6 +19,10 @@ namespace accessvdb::io {
 /// Auto looks at the file's name and content. Viewpoint: the VIEWPOINT line of each PCD.
 enum class PoseFormat { Auto, Tum, Kitti, Balm, Hba, Viewpoint };
 
+/// How poses of a file are matched to scans. Auto tries names, times and the order, and the matching rule says which;
+/// the others insist: numbers in names are those of poses, names or times.txt are times, or one follows the other.
+enum class Match { Auto, Order, Name, Time };
+
 /// Whether the sensor's motion within a scan is removed: each return is placed by the pose at its own time. Auto: where
 /// returns have times and poses are dense enough; the matching rule says which.
 enum class Deskew { Auto, On, Off };
@@ -33,6 +37,9 @@ struct ScanInputOptions {
   std::filesystem::path scans = {};  ///< a folder of scans, one file, or a recording
   std::filesystem::path poses = {};  ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
   PoseFormat pose_format = PoseFormat::Auto;
+  Match match = Match::Auto;  ///< for scans with a pose file
+  /// Longest time without poses, or positions of a trajectory, over which they are interpolated: 0.001 .. 10 s.
+  double max_gap_s = 0.2;
   std::filesystem::path calib = {};                 ///< KITTI calib.txt, if the poses are the camera's
   std::optional<Eigen::Vector3d> sensor_at_W = {};  ///< one sensor position for one cloud in the world frame
   int every = 1;                                    ///< use every n-th scan
@@ -84,6 +91,7 @@ struct ScanRecord {
   std::uint64_t excluded_points = 0;   ///< left out: inside ScanInputOptions::exclude_box_S
   std::uint64_t unposed_points = 0;    ///< left out: no pose at their time, see Deskew
   bool deskewed = false;               ///< each return has been placed by the pose at its own time
+  std::string skipped = {};            ///< why there are no points: the scan cannot be used; empty for all others
 };
 
 struct InputFile {
@@ -95,15 +103,17 @@ struct InputFile {
 /// order and more than once, cheapest in ascending order.
 class ACCESSVDB_API ScanSequence {
  public:
-  /// Lists the scans, reads the poses, matches them and checks them.
+  /// Lists the scans, reads the poses, matches them and checks them. A scan that is empty, or whose header is cut off,
+  /// costs that scan and a warning, unless most are so; and one that is there twice counts once.
   /// @throws InputError (code 3) unreadable or malformed; UnusableInput (code 4) no overlap, bad poses
   static ScanSequence open(const ScanInputOptions& options);
   ~ScanSequence();
   ScanSequence(ScanSequence&&) noexcept;
   ScanSequence& operator=(ScanSequence&&) noexcept;
 
-  [[nodiscard]] std::size_t size() const;           ///< number of steps
-  [[nodiscard]] ScanRecord read(std::size_t step);  ///< @throws InputError naming the file
+  [[nodiscard]] std::size_t size() const;  ///< number of steps
+  /// @throws InputError naming the file; UnusableInput "scans.skipped" when most steps have had to be skipped
+  [[nodiscard]] ScanRecord read(std::size_t step);
   /// Time of a step, without reading it: of the scan, or of a cloud's first return. Nothing where unknown.
   [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const;
   /// The pose of a step as it was given, T_W_B, or the one `shift_s` later: without ScanInputOptions::T_B_S and level.
@@ -112,7 +122,9 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] std::string path(std::size_t step) const;          ///< the file of a step, without reading it
   [[nodiscard]] const std::vector<std::string>& notices() const;   ///< frame, quaternion order, matching rule, repairs
   [[nodiscard]] const std::vector<ScanWarning>& warnings() const;  ///< not among the notices
-  [[nodiscard]] std::string matchingRule() const;                  ///< one line, also part of the notices
+  /// What only reading showed, of the steps that were read so far: scans that are skipped.
+  [[nodiscard]] std::vector<ScanWarning> readWarnings() const;
+  [[nodiscard]] std::string matchingRule() const;        ///< one line, also part of the notices
   [[nodiscard]] bool deskews() const;                    ///< motion within scans is removed, where poses cover a scan
   [[nodiscard]] std::vector<std::string> paths() const;  ///< every file that is or will be read
   [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt next to the scans, if any

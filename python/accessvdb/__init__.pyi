@@ -19,6 +19,7 @@ _Form = Literal["voxels", "surface_samples"]
 _Policy = Literal["exact", "paper"]
 _Change = Literal["off", "block", "full"]
 _PoseFormat = Literal["auto", "tum", "kitti", "balm", "hba", "viewpoint"]
+_Match = Literal["auto", "order", "name", "time"]
 _Deskew = Literal["auto", "on", "off"]
 _Compression = Literal["auto", "blosc", "zip", "none"]
 _UpAxis = Literal["z", "y"]
@@ -598,6 +599,9 @@ class ScanRecord:
     def unposed_points(self) -> int: ...
     @property
     def deskewed(self) -> bool: ...
+    @property
+    def skipped(self) -> str:
+        """Why there are no points, or an empty text."""
 
 @final
 class ScanSequence:
@@ -627,6 +631,8 @@ class ScanSequence:
         deskew: _Deskew = ...,
         level: Union[Literal["imu"], Tuple[float, float], None] = ...,
         ray_W: Optional[_Three] = ...,
+        match: _Match = ...,
+        max_gap_s: float = ...,
     ) -> None: ...
     def __len__(self) -> int: ...
     def __getitem__(self, step: int) -> ScanRecord: ...
@@ -685,6 +691,7 @@ class LiveSession:
         memory_limit_bytes: int = ...,
         T_B_S: Optional[npt.ArrayLike] = ...,
         exclude_box_S: Optional[npt.ArrayLike] = ...,
+        max_gap_s: float = ...,
     ) -> None: ...
     def add_pose(self, stamp_ns: int, p_W: npt.ArrayLike, q_xyzw: npt.ArrayLike, frame: str = ...) -> None: ...
     def add_scan(self, stamp_ns: int, points: npt.ArrayLike, frame: str = ...) -> None: ...

@@ -49,12 +49,14 @@ class Session {
 
 std::unique_ptr<Session> makeSession(const ToolGeometry& tool, const py::object& params, const py::object& queue_scans,
                                      const py::object& most_poses, const py::object& memory_limit_bytes,
-                                     const py::object& T_B_S, const py::object& exclude_box_S) {
+                                     const py::object& T_B_S, const py::object& exclude_box_S,
+                                     const py::object& max_gap_s) {
   const FieldParams given = fieldParamsFrom(params);
   LiveOptions options;
   options.queue_scans = static_cast<std::size_t>(wholeNumberFrom("queue_scans", queue_scans, 0, 1'000'000));
   options.most_poses = static_cast<std::size_t>(wholeNumberFrom("most_poses", most_poses, 0, 100'000'000));
   options.memory_limit_bytes = largeNumberFrom("memory_limit_bytes", memory_limit_bytes);
+  options.max_gap_s = numberFrom("max_gap_s", max_gap_s);
   if (!T_B_S.is_none()) options.T_B_S = poseOf("T_B_S", T_B_S);
   if (!exclude_box_S.is_none()) {
     const std::vector<double> box = numbers1("exclude_box_S", exclude_box_S, 6);
@@ -166,7 +168,7 @@ void bindLive(py::module_& module) {
                       "end_of_poses(), wait_for_work() and status() may be called from any thread at any time.")
       .def(py::init(&makeSession), py::arg("tool"), py::arg("params") = py::none(), py::kw_only(),
            py::arg("queue_scans") = 4, py::arg("most_poses") = 4000, py::arg("memory_limit_bytes") = 0,
-           py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(),
+           py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(), py::arg("max_gap_s") = 0.2,
            "params: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are given. "
            "exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame.")
       .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",

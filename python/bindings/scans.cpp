@@ -22,6 +22,8 @@ template <>
 inline constexpr std::array kWords<io::PoseFormat> = {"auto", "tum", "kitti", "balm", "hba", "viewpoint"};
 template <>
 inline constexpr std::array kWords<io::Deskew> = {"auto", "on", "off"};
+template <>
+inline constexpr std::array kWords<io::Match> = {"auto", "order", "name", "time"};
 
 namespace {
 
@@ -51,7 +53,7 @@ std::unique_ptr<LockedScans> openScans(
     const py::object& time_offset_s, const std::optional<std::filesystem::path>& stations,
     const std::string& laz_command, const std::string& topic, const std::string& pose_topic,
     const std::string& fixed_frame, const py::object& T_B_S, const py::object& exclude_box_S, const py::object& deskew,
-    const py::object& level, const py::object& ray_W) {
+    const py::object& level, const py::object& ray_W, const py::object& match, const py::object& max_gap_s) {
   io::ScanInputOptions options;
   options.scans = scans;
   if (poses) options.poses = *poses;
@@ -80,6 +82,8 @@ std::unique_ptr<LockedScans> openScans(
   }
   options.deskew = settingFrom<io::Deskew>("deskew", deskew);
   if (!level.is_none()) options.level = levelFrom(level);
+  options.match = settingFrom<io::Match>("match", match);
+  options.max_gap_s = numberFrom("max_gap_s", max_gap_s);
   if (!ray_W.is_none()) options.ray_W = vector3("ray_W", ray_W);
   return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
 }
@@ -124,7 +128,8 @@ void bindRecord(py::module_& module) {
       .def_readonly("truncated_points", &R::truncated_points)
       .def_readonly("excluded_points", &R::excluded_points)
       .def_readonly("unposed_points", &R::unposed_points)
-      .def_readonly("deskewed", &R::deskewed);
+      .def_readonly("deskewed", &R::deskewed)
+      .def_readonly("skipped", &R::skipped, "Why there are no points, or an empty text.");
 }
 
 }  // namespace
@@ -139,7 +144,7 @@ void bindScans(py::module_& module) {
            py::arg("stations") = py::none(), py::arg("laz_command") = "", py::arg("topic") = "",
            py::arg("pose_topic") = "", py::arg("fixed_frame") = "", py::arg("T_B_S") = py::none(),
            py::arg("exclude_box_S") = py::none(), py::arg("deskew") = "auto", py::arg("level") = py::none(),
-           py::arg("ray_W") = py::none(),
+           py::arg("ray_W") = py::none(), py::arg("match") = "auto", py::arg("max_gap_s") = 0.2,
            "scans: a folder of .pcd, .ply, .bin, .las, .laz or .ptx files, one file, or a recording (.mcap, .db3, "
            ".bag). "
            "poses: TUM, KITTI, BALM or HBA. trajectory, stations: where the sensor was, for clouds in the world "
@@ -147,7 +152,8 @@ void bindScans(py::module_& module) {
            "are of. exclude_box_S: two corners; returns between them are left out. deskew: auto, on or off. level: "
            "\"imu\" "
            "or (roll, pitch) of the poses' frame in radians. ray_W: from the sensor to every point of a cloud whose "
-           "rays are not known.")
+           "rays are not known. match: auto, order, name or time. max_gap_s: the longest time without poses that is "
+           "interpolated over.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",
@@ -163,9 +169,11 @@ void bindScans(py::module_& module) {
           [](const LockedScans& s) {
             std::vector<std::pair<std::string, std::string>> warnings;
             for (const io::ScanWarning& warning : s.scans.warnings()) warnings.emplace_back(warning.id, warning.text);
+            for (const io::ScanWarning& warning : s.scans.readWarnings())
+              warnings.emplace_back(warning.id, warning.text);
             return warnings;
           },
-          "(id, text) of what is most likely a mistake or a loss.")
+          "(id, text) of what is most likely a mistake or a loss, of the scans that were read, too.")
       .def_property_readonly("matching_rule", [](const LockedScans& s) { return s.scans.matchingRule(); })
       .def_property_readonly(
           "paths", [](const LockedScans& s) { return s.scans.paths(); }, "Every file that is or will be read.")

@@ -37,6 +37,8 @@ FieldParams checked(const FieldParams& params, const LiveOptions& options) {
   }
   if (options.most_poses < 2)
     throw InvalidArgument("live.poses", "most_poses", "must be 2 or more", "Leave it out for the default");
+  if (!(options.max_gap_s >= io::kLeastPoseGap_s && options.max_gap_s <= io::kMostPoseGap_s))
+    throw InvalidArgument("usage.max_gap", "max_gap_s", "must be within 0.001 .. 10 seconds", "The default is 0.2");
   if (params.window) throw InvalidArgument("live.window", "window", "is for tiles, not for a live map", "Leave it out");
   return params;
 }
@@ -99,7 +101,10 @@ constexpr int kMostLate = 16;
 
 struct ACCESSVDB_PRIVATE LiveSession::Impl {
   Impl(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& given)
-      : options(given), field(tool, checked(params, given)), lost(lostCube_m()), poses(given.most_poses) {
+      : options(given),
+        field(tool, checked(params, given)),
+        lost(lostCube_m()),
+        poses(given.most_poses, given.max_gap_s) {
     status.memory_limit_bytes = options.memory_limit_bytes;
   }
 

@@ -12,7 +12,6 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr auto kMaxPoseGap_ns = static_cast<std::int64_t>(io::kMaxPoseGap_s * 1e9);
 constexpr auto kSameStamp_ns = static_cast<std::int64_t>(io::kSameStamp_s * 1e9);
 
 /// Stamps are below io::kMostStamp_ns in size, so differences do not overflow.
@@ -54,7 +53,7 @@ std::optional<Eigen::Isometry3d> PoseBuffer::at(std::int64_t stamp_ns) const {
   const std::int64_t gap_ns = after->stamp_ns - before.stamp_ns;
   const double moved_m = (after->T.translation() - before.T.translation()).norm();
   const bool jumps = moved_m > io::kLeastJump_m && moved_m > io::kFastest_m_s * io::seconds(gap_ns);
-  if (gap_ns > kMaxPoseGap_ns || jumps) return std::nullopt;
+  if (gap_ns > max_gap_ns_ || jumps) return std::nullopt;
   const double share = static_cast<double>(stamp_ns - before.stamp_ns) / static_cast<double>(gap_ns);
   return io::interpolateBetween(before.T, after->T, share);
 }

@@ -11,6 +11,8 @@
 #include <deque>
 #include <optional>
 
+#include "io/poses/pose_gap.h"
+
 namespace accessvdb::internal {
 
 class PoseBuffer {
@@ -20,11 +22,13 @@ class PoseBuffer {
   };
 
   /// @param most  poses that are kept; the earliest go first
-  explicit PoseBuffer(std::size_t most) : most_(most) {}
+  /// @param max_gap_s  longest gap that is interpolated over
+  explicit PoseBuffer(std::size_t most, double max_gap_s = io::kMaxPoseGap_s)
+      : most_(most), max_gap_ns_(io::nanoseconds(max_gap_s)) {}
 
   /// @return whether it was kept
   bool add(std::int64_t stamp_ns, const Eigen::Vector3d& p, const Eigen::Quaterniond& q);
-  /// Interpolated over gaps of at most io::kMaxPoseGap_s, never extrapolated, not over jumps.
+  /// Interpolated over gaps of at most max_gap_s, never extrapolated, not over jumps.
   [[nodiscard]] std::optional<Eigen::Isometry3d> at(std::int64_t stamp_ns) const;
   /// Whether poses have got past that time: the last that arrived is later.
   [[nodiscard]] bool isPast(std::int64_t stamp_ns) const { return last_arrived_ns_ && *last_arrived_ns_ > stamp_ns; }
@@ -39,6 +43,7 @@ class PoseBuffer {
   };
 
   std::size_t most_;
+  std::int64_t max_gap_ns_;
   std::deque<Entry> poses_;  ///< in the order of their stamps, all different
   std::optional<std::int64_t> last_arrived_ns_;
   Counts counts_;

@@ -124,6 +124,8 @@ TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
                            "--resume",
                            "--trajectory",
                            "--time-offset",
+                           "--max-gap",
+                           "--match",
                            "--stations",
                            "--laz-command",
                            "--topic",

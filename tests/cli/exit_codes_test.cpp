@@ -170,7 +170,7 @@ TEST_F(ExitCodes, ToolWithoutFaces) {
 TEST_F(ExitCodes, UnusableInput) {
   writePoses(7, 5000);
   expectFailure({}, 4);
-  writeText("poses.txt", "100 0 0 0 0 0 0 0\n101 0 0 0 0 0 0 1\n102 0 0 0 0 0 0 1\n103 0 0 0 0 0 0 1\n");
+  writeText("poses.txt", "100 0 0 0 0 0 0 0\n101 0 0 0 0 0 0 0\n102 0 0 0 0 0 0 1\n103 0 0 0 0 0 0 1\n");
   expectFailure({}, 4);
   writeText("poses.txt", "100 0 0 0 0 0 0 2\n101 0 0 0 0 0 0 1\n102 0 0 0 0 0 0 1\n103 0 0 0 0 0 0 1\n");
   expectFailure({}, 4);

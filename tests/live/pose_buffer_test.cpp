@@ -71,6 +71,16 @@ TEST(PoseBuffer, KeepsTheLatest) {
   EXPECT_FALSE(buffer.at(500'000'000));
 }
 
+TEST(PoseBuffer, BridgesLongerGapsWhenAsked) {
+  PoseBuffer usual(10), longer(10, 0.5);
+  for (PoseBuffer* buffer : {&usual, &longer}) {
+    for (int n = 0; n < 2; ++n) buffer->add(n * 400'000'000, Eigen::Vector3d(n, 0, 0), Eigen::Quaterniond::Identity());
+  }
+  EXPECT_FALSE(usual.at(100'000'000));
+  ASSERT_TRUE(longer.at(100'000'000));
+  EXPECT_DOUBLE_EQ(longer.at(100'000'000)->translation().x(), 0.25);
+}
+
 TEST(PoseBuffer, ForgetsAPoseFromTheFarFutureAsAMeasureOfTime) {
   PoseBuffer buffer(100);
   buffer.add(1'000, Eigen::Vector3d::Zero(), Eigen::Quaterniond::Identity());

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 namespace accessvdb::io {
 namespace {
@@ -22,6 +23,12 @@ std::optional<double> unitOf(double longest) {
   return std::nullopt;
 }
 
+/// Whether these can be the times of a scan.
+bool fits(const TimeSpan& scan, const TimeScale& scale) {
+  return std::abs(scale.offset_s(scan.first, scan.stamp_s)) <= kLongestScan_s &&
+         std::abs(scale.offset_s(scan.last, scan.stamp_s)) <= kLongestScan_s;
+}
+
 }  // namespace
 
 std::string TimeScale::inWords() const {
@@ -31,17 +38,19 @@ std::string TimeScale::inWords() const {
 }
 
 std::optional<TimeScale> timeScaleOf(std::span<const TimeSpan> scans) {
-  double longest = 0;
-  for (const TimeSpan& scan : scans) longest = std::max(longest, scan.last - scan.first);
-  const auto unit_s = unitOf(longest);
+  // Each scan has a say, so that one with wrong times does not decide. The unit of most is that of the longest, unless
+  // that one is wrong.
+  std::map<double, std::size_t> votes;
+  for (const TimeSpan& scan : scans)
+    if (const auto unit_s = unitOf(scan.last - scan.first)) ++votes[*unit_s];
+  std::optional<double> unit_s;
+  for (const auto& [unit, count] : votes)  // from the finest on, which is that of the longest scans
+    if (!unit_s || count > votes[*unit_s]) unit_s = unit;
   if (!unit_s) return std::nullopt;
   for (const bool absolute : {false, true}) {
     const TimeScale scale = {*unit_s, absolute};
-    const auto fits = [&](const TimeSpan& scan) {
-      return std::abs(scale.offset_s(scan.first, scan.stamp_s)) <= kLongestScan_s &&
-             std::abs(scale.offset_s(scan.last, scan.stamp_s)) <= kLongestScan_s;
-    };
-    if (std::all_of(scans.begin(), scans.end(), fits)) return scale;
+    const auto fit = std::count_if(scans.begin(), scans.end(), [&](const TimeSpan& scan) { return fits(scan, scale); });
+    if (2 * static_cast<std::size_t>(fit) > scans.size()) return scale;
   }
   return std::nullopt;
 }
@@ -50,6 +59,7 @@ OffsetRange offsetRange(std::span<const TimeSpan> scans, const TimeScale& scale)
   OffsetRange range;
   bool first = true;
   for (const TimeSpan& scan : scans) {
+    if (scans.size() > 1 && !fits(scan, scale)) continue;
     const double begin_s = scale.offset_s(scan.first, scan.stamp_s), end_s = scale.offset_s(scan.last, scan.stamp_s);
     range.first_s = first ? begin_s : std::min(range.first_s, begin_s);
     range.last_s = first ? end_s : std::max(range.last_s, end_s);

@@ -53,12 +53,12 @@ template <typename Point>
   return span;
 }
 
-/// The unit is seconds, milli-, micro- or nanoseconds, whichever makes the longest of the scans take 2 ms to 2 s. Times
-/// near zero count from the scan's stamp, times near the stamp are absolute.
+/// The unit is seconds, milli-, micro- or nanoseconds, whichever makes most of the scans take 2 ms to 2 s. Times near
+/// zero count from the scan's stamp, times near the stamp are absolute. Scans whose times do not fit are those of few.
 /// @return nothing where times do not differ within a scan, or are on another clock
 [[nodiscard]] std::optional<TimeScale> timeScaleOf(std::span<const TimeSpan> scans);
 
-/// Offsets from the stamps of all of these scans: the earliest and the latest.
+/// Offsets from the stamps of those of these scans that fit: the earliest and the latest.
 struct OffsetRange {
   double first_s = 0, last_s = 0;
 };

@@ -25,7 +25,7 @@ std::size_t FrameTree::frame(std::string_view name) {
     throw ResourceLimit("limit.recording", "transforms", "name more than " + std::to_string(kMostFrames) + " frames",
                         "Record fewer frames, or use ScanInputOptions::poses with a pose file");
   index_.emplace(key, frames_.size());
-  frames_.emplace_back();
+  frames_.emplace_back(max_gap_ns_);
   frames_.back().name = key;
   return frames_.size() - 1;
 }
@@ -114,6 +114,15 @@ std::optional<Eigen::Isometry3d> FrameTree::at(const Chain& chain, std::int64_t 
   const auto T_top_root = product(chain.from_root);
   if (!T_top_root) return std::nullopt;
   return T_top_root->inverse(Eigen::Isometry) * *T_top_leaf;
+}
+
+std::optional<Eigen::Isometry3d> FrameTree::onMovingFrame(const Chain& chain) const {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  for (const std::size_t i : chain.from_leaf) {
+    if (!frames_[i].fixed) return T;
+    T = frames_[i].T_parent * T;
+  }
+  return std::nullopt;
 }
 
 std::string FrameTree::inWords(const Chain& chain) const {

@@ -17,6 +17,8 @@ namespace accessvdb::io {
 
 class FrameTree {
  public:
+  explicit FrameTree(std::int64_t max_gap_ns = nanoseconds(kMaxPoseGap_s))
+      : max_gap_ns_(max_gap_ns) {}  ///< PoseTrack's
   /// @param fixed  does not change over time (tf_static); the last one counts
   /// @throws ResourceLimit "limit.recording": more frames than a robot has
   void add(std::string_view parent, std::string_view child, std::int64_t stamp_ns, const Eigen::Vector3d& p,
@@ -32,6 +34,8 @@ class FrameTree {
   [[nodiscard]] std::optional<Chain> chain(const std::string& root, const std::string& leaf) const;
   /// T_root_leaf at a time; nothing where a pose of the chain is missing then.
   [[nodiscard]] std::optional<Eigen::Isometry3d> at(const Chain& chain, std::int64_t stamp_ns) const;
+  /// Where a frame is on what moves: its fixed transforms up to the first one that is not. Nothing where none moves.
+  [[nodiscard]] std::optional<Eigen::Isometry3d> onMovingFrame(const Chain& chain) const;
   /// "map -> odom -> base_link", upwards with "<-".
   [[nodiscard]] std::string inWords(const Chain& chain) const;
   /// "odom -> base_link" for each pose that there is, at most so many.
@@ -55,11 +59,13 @@ class FrameTree {
     bool fixed = false;
     Eigen::Isometry3d T_parent = Eigen::Isometry3d::Identity();  ///< of a fixed frame
     PoseTrack track;                                             ///< of others
+    explicit Frame(std::int64_t max_gap_ns) : track(max_gap_ns) {}
   };
 
   std::size_t frame(std::string_view name);
   [[nodiscard]] std::vector<std::size_t> pathUp(std::size_t frame) const;
 
+  std::int64_t max_gap_ns_;
   std::vector<Frame> frames_;
   std::unordered_map<std::string, std::size_t> index_;
   std::uint64_t other_parents_ = 0, invalid_ = 0;

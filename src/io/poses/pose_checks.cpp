@@ -11,6 +11,9 @@
 namespace accessvdb::io {
 namespace {
 
+/// Rounding of what was meant to be zero.
+constexpr double kZero = 1e-6;
+
 std::string shortNumber(double value) {
   char text[32];
   std::snprintf(text, sizeof(text), "%.3g", value);
@@ -19,11 +22,19 @@ std::string shortNumber(double value) {
 
 }  // namespace
 
+void warnOfFarExtrinsic(const Eigen::Vector3d& p_B, const std::string& what, std::vector<ScanWarning>& warnings) {
+  if (!(p_B.norm() > kFarExtrinsic_m)) return;
+  warnings.push_back({"poses.extrinsic", what + " puts the sensor " + shortNumber(p_B.norm()) +
+                                             " m from what the poses are of: check that it is in metres, and the pose "
+                                             "of the sensor on the platform"});
+}
+
 std::string PoseChecker::where(std::size_t line) const {
   return line == 0 ? std::string("the pose") : "line " + std::to_string(line);
 }
 
-void PoseChecker::requireFinite(bool finite, std::size_t line) const {
+void PoseChecker::requireFinite(bool finite, std::size_t line) {
+  found_none_ = !finite;
   if (!finite)
     throw UnusableInput("poses.non_finite", subject_, where(line) + " has a value that is not finite",
                         "Remove or correct that pose");
@@ -38,6 +49,7 @@ void PoseChecker::repaired(double error, std::size_t line) {
 Eigen::Isometry3d PoseChecker::fromQuaternion(const Eigen::Vector3d& t, const Eigen::Vector4d& q, std::size_t line) {
   requireFinite(t.allFinite() && q.allFinite(), line);
   const double error = std::abs(q.norm() - 1.0);
+  found_none_ = q.norm() <= kZero;
   if (!(error <= kRepairLimit))
     throw UnusableInput("poses.bad_quaternion", subject_,
                         where(line) + " has a quaternion of length " + shortNumber(q.norm()) + ", not 1",
@@ -52,6 +64,7 @@ Eigen::Isometry3d PoseChecker::fromQuaternion(const Eigen::Vector3d& t, const Ei
 Eigen::Isometry3d PoseChecker::fromMatrix(const Eigen::Matrix<double, 3, 4>& m, std::size_t line) {
   requireFinite(m.allFinite(), line);
   const Eigen::Matrix3d r = m.leftCols<3>();
+  found_none_ = r.norm() <= kZero;
   const double error = (r.transpose() * r - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   if (!(error <= kRepairLimit) || !(r.determinant() > 0))
     throw UnusableInput("poses.bad_rotation", subject_,

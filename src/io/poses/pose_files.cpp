@@ -6,173 +6,163 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
-#include "io/poses/pose_checks.h"
+#include "io/poses/column_reader.h"
+#include "io/poses/pose_rows.h"
 #include "io/streams/input_file.h"
 #include "io/streams/text_lines.h"
 
 namespace accessvdb::io {
 namespace {
 
-/// One line of numbers.
-struct Row {
-  std::vector<double> values;
-  std::size_t line;
+constexpr const char* kKnownFormats =
+    "Known formats are TUM (8 numbers), KITTI (12), 4x4 matrices (16), both with a time (13, 17), HBA (7) and BALM (4 "
+    "lines of 4); others need a first line of column names such as timestamp x y z qx qy qz qw";
+
+constexpr ColumnReader::Wanted kPoseColumns = {
+    .id = "poses",
+    .what = "Pose files are plain numbers: TUM, KITTI, BALM or HBA, or columns that a first line names",
+    .names = "x y z and qx qy qz qw, or a matrix",
+    .pose = true,
+    .counted = true};
+
+struct PoseTable {
+  std::vector<PoseRow> rows;  ///< with names, only what they say: time, number, and x y z qw qx qy qz or a matrix
+  std::optional<NamedColumns> names;
+  std::string names_text;
 };
 
-/// Poses closer than this are the same pose written twice.
-constexpr double kSamePose = 1e-9;
-
-std::vector<Row> readRows(const std::filesystem::path& path, const std::string& subject) {
-  const std::string file = readInputFile(path);
-  LineReader lines(file, subject);
-  std::vector<Row> rows;
-  std::string_view line;
-  std::vector<std::string_view> tokens;
-  while (lines.next(line)) {
-    if (isBlankOrComment(line)) continue;
-    splitTokens(line, tokens);
-    Row row{{}, lines.number()};
-    for (const std::string_view token : tokens) {
-      double value = 0;
-      if (!parseNumber(token, value))
-        lines.fail("has '" + wordForMessage(token) + "' where a number is needed",
-                   "Pose files are plain numbers: TUM, KITTI, BALM or HBA");
-      row.values.push_back(value);
-    }
-    rows.push_back(std::move(row));
+/// The order in which rows of named columns are kept.
+std::vector<std::size_t> neededColumns(const NamedColumns& names) {
+  std::vector<std::size_t> columns;
+  if (names.hasMatrix()) {
+    columns.assign(names.matrix.begin(), names.matrix.end());
+  } else {
+    columns.assign(names.position.begin(), names.position.end());
+    columns.insert(columns.end(), names.quaternion.begin(), names.quaternion.end());
   }
-  if (rows.empty())
-    throw UnusableInput("poses.none", subject, "contains no poses", "Use the pose file that belongs to the scans");
-  return rows;
+  return columns;
 }
 
-PoseFormat formatOf(const std::vector<Row>& rows, const std::string& subject) {
+PoseTable readTable(const std::filesystem::path& path, PoseFile& file) {
+  const std::string text = readInputFile(path);
+  LineReader lines(text, file.subject);
+  ColumnReader reader(lines, kPoseColumns);
+  PoseTable table;
+  while (reader.next()) {
+    PoseRow row{{}, reader.line()};
+    if (reader.names()) {
+      const NamedColumns& names = *reader.names();
+      double time_s = names.hasTime() ? reader.number(names.time) : 0;
+      if (names.nanoseconds != NamedColumns::kNone) time_s += 1e-9 * reader.number(names.nanoseconds);
+      row.values = {time_s, names.index == NamedColumns::kNone || names.hasTime() ? 0 : reader.number(names.index)};
+      if (names.file < reader.cells().size() && !names.hasTime() && names.index == NamedColumns::kNone)
+        file.scan_names.emplace_back(reader.cells()[names.file]);
+      for (const std::size_t column : neededColumns(names)) row.values.push_back(reader.number(column));
+    } else {
+      for (std::size_t column = 0; column < reader.cells().size(); ++column)
+        row.values.push_back(reader.number(column));
+    }
+    table.rows.push_back(std::move(row));
+  }
+  if (table.rows.empty())
+    throw UnusableInput("poses.none", file.subject, "contains no poses", "Use the pose file that belongs to the scans");
+  table.names = reader.names();
+  table.names_text = reader.namesInWords();
+  file.notices = reader.notices();
+  return table;
+}
+
+PoseFormat formatOf(const std::vector<PoseRow>& rows, const std::string& subject) {
   const std::size_t width = rows.front().values.size();
   if (width == 8) return PoseFormat::Tum;
-  if (width == 12) return PoseFormat::Kitti;
+  if (width == 12 || width == 13 || width == 16 || width == 17) return PoseFormat::Kitti;
   if (width == 7) return PoseFormat::Hba;
   if (width == 4 && rows.size() % 4 == 0) return PoseFormat::Balm;
   throw InputError("input.malformed", subject,
                    "line " + std::to_string(rows.front().line) + " has " + std::to_string(width) +
                        " numbers, which is not a known pose format",
-                   "Known formats are TUM (8 numbers), KITTI (12), HBA (7) and BALM (4 lines of 4)");
+                   kKnownFormats);
 }
 
-void requireWidth(const std::vector<Row>& rows, std::size_t width, const std::string& subject) {
-  for (const Row& row : rows)
-    if (row.values.size() != width)
-      throw InputError("input.malformed", subject,
-                       "line " + std::to_string(row.line) + " has " + std::to_string(row.values.size()) +
-                           " numbers, but this format needs " + std::to_string(width),
-                       "Check the line and pose_format");
-}
-
-void readTum(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker) {
+void readTum(const std::vector<PoseRow>& rows, PoseFile& file, PoseRowReader& reader) {
   requireWidth(rows, 8, file.subject);
-  for (const Row& row : rows) {
+  for (const PoseRow& row : rows) {
     const auto& v = row.values;
-    PoseEntry pose;
-    pose.T_W_S = checker.fromQuaternion({v[1], v[2], v[3]}, {v[7], v[4], v[5], v[6]}, row.line);
-    pose.stamp_s = v[0];
-    pose.line = row.line;
-    file.poses.push_back(pose);
+    reader.add(row.line, v[0], [&](PoseChecker& checker) {
+      return checker.fromQuaternion({v[1], v[2], v[3]}, {v[7], v[4], v[5], v[6]}, row.line);
+    });
   }
   file.stamped = true;
   file.notices.push_back("poses: TUM, sensor to world, quaternion order x y z w");
 }
 
-void readHba(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker) {
+void readHba(const std::vector<PoseRow>& rows, PoseFile& file, PoseRowReader& reader) {
   requireWidth(rows, 7, file.subject);
-  for (const Row& row : rows) {
+  for (const PoseRow& row : rows) {
     const auto& v = row.values;
-    PoseEntry pose;
-    pose.T_W_S = checker.fromQuaternion({v[0], v[1], v[2]}, {v[3], v[4], v[5], v[6]}, row.line);
-    pose.line = row.line;
-    file.poses.push_back(pose);
+    reader.add(row.line, 0, [&](PoseChecker& checker) {
+      return checker.fromQuaternion({v[0], v[1], v[2]}, {v[3], v[4], v[5], v[6]}, row.line);
+    });
   }
   file.notices.push_back("poses: HBA/MLCC, sensor to world, quaternion order w x y z");
 }
 
-Eigen::Matrix<double, 3, 4> matrixOf(const double* v) {
-  return Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(v);
+bool increase(std::initializer_list<std::size_t> columns) {
+  return std::adjacent_find(columns.begin(), columns.end(), std::greater_equal<>()) == columns.end();
 }
 
-void readKitti(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker) {
-  requireWidth(rows, 12, file.subject);
-  for (const Row& row : rows) {
-    PoseEntry pose;
-    pose.T_W_S = checker.fromMatrix(matrixOf(row.values.data()), row.line);
-    pose.line = row.line;
-    file.poses.push_back(pose);
-  }
-}
-
-void readBalm(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker) {
-  requireWidth(rows, 4, file.subject);
-  if (rows.size() % 4 != 0)
-    throw InputError("input.malformed", file.subject,
-                     "has " + std::to_string(rows.size()) + " lines of numbers, but BALM needs 4 per pose",
-                     "Copy the file again");
-  // Plain 4x4 matrices have 1 where BALM stores the time.
-  bool all_one = true;
-  for (std::size_t i = 0; i < rows.size(); i += 4) {
-    std::array<double, 12> m;
-    for (std::size_t r = 0; r < 3; ++r) std::copy_n(rows[i + r].values.begin(), 4, m.begin() + 4 * r);
-    const auto& last = rows[i + 3].values;
-    if (!(last[0] == 0 && last[1] == 0 && last[2] == 0))
-      throw InputError(
-          "input.malformed", file.subject,
-          "line " + std::to_string(rows[i + 3].line) + " does not begin with 0 0 0 as the last row of a pose must",
-          "Check the line and pose_format");
-    PoseEntry pose;
-    pose.T_W_S = checker.fromMatrix(matrixOf(m.data()), rows[i].line);
-    pose.stamp_s = last[3];
-    pose.line = rows[i].line;
-    all_one = all_one && last[3] == 1;
-    file.poses.push_back(pose);
-  }
-  file.stamped = !all_one;
-  file.notices.push_back(std::string("poses: BALM, 4x4 matrices, sensor to world") +
-                         (file.stamped ? ", time stamp in the last element" : ", no time stamps"));
-}
-
-/// T_velo = inv(Tr) P Tr: converts camera poses in the first camera frame to scanner poses in the first scanner frame.
-void applyCalibration(const std::filesystem::path& path, PoseFile& file) {
-  const std::string text = readInputFile(path);
-  LineReader lines(text, forMessage(path.native()));
-  std::string_view line;
-  std::vector<std::string_view> tokens;
-  while (lines.next(line)) {
-    splitTokens(line, tokens);
-    if (tokens.empty() || (tokens[0] != "Tr:" && tokens[0] != "Tr_velo_to_cam:" && tokens[0] != "Tr_velo_cam:"))
-      continue;
-    std::array<double, 12> v;
-    bool good = tokens.size() == 13;
-    for (std::size_t i = 0; good && i < 12; ++i) good = parseNumber(tokens[i + 1], v[i]);
-    if (!good) lines.fail("needs 12 numbers after " + wordForMessage(tokens[0]));
-    PoseChecker checker(lines.subject());
-    const Eigen::Isometry3d T_C_S = checker.fromMatrix(matrixOf(v.data()), lines.number());
-    checker.addNotice(file.notices);
-    for (PoseEntry& pose : file.poses) pose.T_W_S = T_C_S.inverse() * pose.T_W_S * T_C_S;
-    file.notices.push_back("poses: KITTI camera poses, converted to scanner poses with Tr from " + lines.subject() +
-                           "; the world is the first scanner frame");
+/// A format that was asked for must not contradict the names.
+void requireFormat(PoseFormat format, const PoseTable& table, const std::string& subject) {
+  const NamedColumns& names = *table.names;
+  const auto& [x, y, z] = names.position;
+  const auto& [qw, qx, qy, qz] = names.quaternion;
+  const bool tum = names.hasTime() && !names.hasMatrix() && increase({names.time, x, y, z, qx, qy, qz, qw});
+  const bool hba = !names.hasTime() && !names.hasMatrix() && increase({x, y, z, qw, qx, qy, qz});
+  if (format == PoseFormat::Auto || (format == PoseFormat::Tum && tum) || (format == PoseFormat::Hba && hba) ||
+      (format == PoseFormat::Kitti && names.hasMatrix()))
     return;
-  }
-  throw InputError("input.malformed", lines.subject(), "has no line 'Tr:' with 12 numbers",
-                   "Use KITTI's calib.txt of the sequence");
+  throw InvalidArgument("usage.pose_format", subject,
+                        "names its columns (" + table.names_text + "), which is not the format that was asked for",
+                        "Omit pose_format, or remove the line of names if it is wrong");
 }
 
-bool samePose(const PoseEntry& a, const PoseEntry& b) {
-  return (a.T_W_S.matrix() - b.T_W_S.matrix()).cwiseAbs().maxCoeff() <= kSamePose;
+void readNamed(const PoseTable& table, PoseFile& file, PoseRowReader& reader) {
+  const NamedColumns& names = *table.names;
+  file.numbered = !names.hasTime() && names.index != NamedColumns::kNone;
+  std::vector<std::size_t> number_of;
+  for (const PoseRow& row : table.rows) {
+    const double* const v = row.values.data() + 2;
+    const double number = row.values[1];
+    if (!(number >= 0 && number < 1e15 && number == std::floor(number)))
+      throw InputError("input.malformed", file.subject,
+                       "line " + std::to_string(row.line) + " has a scan's number that is no whole number",
+                       "Correct the column, or its name");
+    number_of.push_back(static_cast<std::size_t>(number));
+    reader.add(row.line, row.values[0], [&](PoseChecker& checker) {
+      Eigen::Isometry3d pose =
+          names.hasMatrix()
+              ? checker.fromMatrix(Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(v), row.line)
+              : checker.fromQuaternion({v[0], v[1], v[2]}, {v[3], v[4], v[5], v[6]}, row.line);
+      pose.translation() *= names.position_unit_m;
+      return pose;
+    });
+  }
+  if (file.numbered)
+    for (PoseEntry& pose : file.poses) pose.index = number_of[pose.index];
+  file.stamped = names.hasTime();
+  std::string order;
+  if (!names.hasMatrix()) {
+    std::vector<std::pair<std::size_t, char>> columns;
+    for (std::size_t i = 0; i < 4; ++i) columns.emplace_back(names.quaternion[i], "wxyz"[i]);
+    std::sort(columns.begin(), columns.end());
+    for (const auto& [column, axis] : columns) order += std::string(" ") + axis;
+  }
+  file.notices.push_back("poses: by their columns' names, sensor to world, " +
+                         (order.empty() ? "matrices" : "quaternion order" + order));
 }
 
 void checkStamps(PoseFile& file, bool sort_poses) {
   auto& poses = file.poses;
-  for (const PoseEntry& pose : poses)
-    if (!std::isfinite(pose.stamp_s))
-      throw UnusableInput("poses.non_finite", file.subject,
-                          "line " + std::to_string(pose.line) + " has a time stamp that is not finite",
-                          "Remove or correct that pose");
   const auto backwards = [](const PoseEntry& a, const PoseEntry& b) { return a.stamp_s > b.stamp_s; };
   const auto reversed = std::adjacent_find(poses.begin(), poses.end(), backwards);
   if (reversed != poses.end()) {
@@ -187,7 +177,7 @@ void checkStamps(PoseFile& file, bool sort_poses) {
   std::size_t repeats = 0;
   for (std::size_t i = 1; i < poses.size(); ++i) {
     if (poses[i].stamp_s != poses[i - 1].stamp_s) continue;
-    if (!samePose(poses[i], poses[i - 1]))
+    if (!isSamePose(poses[i].T_W_S, poses[i - 1].T_W_S))
       throw UnusableInput("poses.duplicate", file.subject,
                           "lines " + std::to_string(poses[i - 1].line) + " and " + std::to_string(poses[i].line) +
                               " have the same time stamp and different poses",
@@ -202,36 +192,80 @@ void checkStamps(PoseFile& file, bool sort_poses) {
   file.notices.push_back("poses: " + std::to_string(repeats) + " repeated poses were dropped");
 }
 
+/// Stamps become seconds.
+void scaleStamps(PoseFile& file, const std::optional<double>& said_s) {
+  std::vector<double> stamps;
+  for (const PoseEntry& pose : file.poses) stamps.push_back(pose.stamp_s);
+  const double unit_s = timeUnit_s(stamps, said_s, file.subject);
+  if (unit_s == 1) return;
+  for (PoseEntry& pose : file.poses) pose.stamp_s *= unit_s;
+  file.notices.push_back(std::string("poses: times are in ") + timeUnitName(unit_s));
+}
+
+void requireDifferentNumbers(const PoseFile& file) {
+  std::vector<std::pair<std::size_t, std::size_t>> numbers;
+  for (const PoseEntry& pose : file.poses) numbers.emplace_back(pose.index, pose.line);
+  std::sort(numbers.begin(), numbers.end());
+  const auto twice = std::adjacent_find(numbers.begin(), numbers.end(),
+                                        [](const auto& a, const auto& b) { return a.first == b.first; });
+  if (twice != numbers.end())
+    throw UnusableInput("poses.duplicate", file.subject,
+                        "lines " + std::to_string(twice->second) + " and " + std::to_string((twice + 1)->second) +
+                            " have the same scan's number",
+                        "Remove one of them");
+}
+
 }  // namespace
+
+void requireWidth(const std::vector<PoseRow>& rows, std::size_t width, const std::string& subject) {
+  for (const PoseRow& row : rows)
+    if (row.values.size() != width)
+      throw InputError("input.malformed", subject,
+                       "line " + std::to_string(row.line) + " has " + std::to_string(row.values.size()) +
+                           " numbers, but this format needs " + std::to_string(width),
+                       "Check the line and pose_format");
+}
 
 PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, const std::filesystem::path& calib,
                       bool sort_poses) {
   PoseFile file;
   file.subject = forMessage(path.native());
-  const std::vector<Row> rows = readRows(path, file.subject);
-  file.format = format == PoseFormat::Auto ? formatOf(rows, file.subject) : format;
-  PoseChecker checker(file.subject);
-  switch (file.format) {
-    case PoseFormat::Tum:
-      readTum(rows, file, checker);
-      break;
-    case PoseFormat::Hba:
-      readHba(rows, file, checker);
-      break;
-    case PoseFormat::Kitti:
-      readKitti(rows, file, checker);
-      break;
-    case PoseFormat::Balm:
-      readBalm(rows, file, checker);
-      break;
-    case PoseFormat::Auto:
-    case PoseFormat::Viewpoint:
-      throw InvalidArgument("usage.pose_format", file.subject,
-                            "a pose file and poses from VIEWPOINT exclude each other", "Omit one of the two");
+  const PoseTable table = readTable(path, file);
+  const std::vector<PoseRow>& rows = table.rows;
+  PoseRowReader reader(file);
+  if (table.names) {
+    requireFormat(format, table, file.subject);
+    file.format = table.names->hasMatrix() ? PoseFormat::Kitti
+                  : table.names->hasTime() ? PoseFormat::Tum
+                                           : PoseFormat::Hba;
+    readNamed(table, file, reader);
+  } else {
+    file.format = format == PoseFormat::Auto ? formatOf(rows, file.subject) : format;
+    switch (file.format) {
+      case PoseFormat::Tum:
+        readTum(rows, file, reader);
+        break;
+      case PoseFormat::Hba:
+        readHba(rows, file, reader);
+        break;
+      case PoseFormat::Kitti:
+        readMatrices(rows, file, reader);
+        break;
+      case PoseFormat::Balm:
+        readBalm(rows, file, reader);
+        break;
+      case PoseFormat::Auto:
+      case PoseFormat::Viewpoint:
+        throw InvalidArgument("usage.pose_format", file.subject,
+                              "a pose file and poses from VIEWPOINT exclude each other", "Omit one of the two");
+    }
   }
-  checker.addNotice(file.notices);
-  for (std::size_t i = 0; i < file.poses.size(); ++i) file.poses[i].index = i;
-  if (file.stamped) checkStamps(file, sort_poses);
+  reader.finish();
+  if (file.numbered) requireDifferentNumbers(file);
+  if (file.stamped) {
+    scaleStamps(file, table.names ? table.names->time_unit_s : std::nullopt);
+    checkStamps(file, sort_poses);
+  }
   if (!calib.empty()) {
     if (file.format != PoseFormat::Kitti)
       throw InvalidArgument("usage.calib", file.subject,
@@ -242,7 +276,8 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
     std::error_code error;
     const bool calib_near = std::filesystem::exists(path.parent_path() / "calib.txt", error);
     file.notices.push_back(
-        std::string("poses: KITTI, 3x4 matrices, taken as poses of the scanner itself, sensor to world") +
+        std::string("poses: ") + (rows.front().values.size() == 12 ? "KITTI, 3x4 matrices" : "matrices") +
+        ", taken as poses of the scanner itself, sensor to world" +
         (calib_near
              ? "; there is a calib.txt next to them: pass it with ScanInputOptions::calib if they are camera poses"
              : ""));
@@ -265,6 +300,9 @@ std::vector<double> readTimes(const std::filesystem::path& path) {
       lines.fail("is not a single time in seconds");
     times.push_back(time);
   }
+  const double unit_s = timeUnit_s(times, std::nullopt, subject);
+  if (unit_s != 1)
+    for (double& time : times) time *= unit_s;
   return times;
 }
 

@@ -11,7 +11,6 @@
 namespace accessvdb::io {
 namespace {
 
-constexpr auto kMaxPoseGap_ns = static_cast<std::int64_t>(kMaxPoseGap_s * 1e9);
 constexpr auto kSameStamp_ns = static_cast<std::int64_t>(kSameStamp_s * 1e9);
 
 }  // namespace
@@ -49,7 +48,7 @@ void PoseTrack::finish() {
   for (std::size_t i = 0; i + 1 < poses_.size(); ++i) {
     const std::int64_t gap_ns = poses_[i + 1].stamp_ns - poses_[i].stamp_ns;
     const double moved_m = (poses_[i + 1].p - poses_[i].p).norm();
-    poses_[i].jumps = gap_ns <= kMaxPoseGap_ns && moved_m > kLeastJump_m && moved_m > kFastest_m_s * seconds(gap_ns);
+    poses_[i].jumps = gap_ns <= max_gap_ns_ && moved_m > kLeastJump_m && moved_m > kFastest_m_s * seconds(gap_ns);
     if (!poses_[i].jumps) continue;
     if (counts_.jumps++ == 0) counts_.first_jump_ns = poses_[i].stamp_ns;
     counts_.largest_jump_m = std::max(counts_.largest_jump_m, moved_m);
@@ -73,7 +72,7 @@ std::optional<Eigen::Isometry3d> PoseTrack::at(std::int64_t stamp_ns) const {
   if (after == poses_.begin()) return std::nullopt;
   const Entry& before = *(after - 1);
   if (isSame(before)) return before.pose();
-  if (after == poses_.end() || before.jumps || after->stamp_ns - before.stamp_ns > kMaxPoseGap_ns) return std::nullopt;
+  if (after == poses_.end() || before.jumps || after->stamp_ns - before.stamp_ns > max_gap_ns_) return std::nullopt;
   const double share =
       static_cast<double>(stamp_ns - before.stamp_ns) / static_cast<double>(after->stamp_ns - before.stamp_ns);
   return interpolateBetween(before.pose(), after->pose(), share);

@@ -10,6 +10,8 @@
 #include <optional>
 #include <vector>
 
+#include "io/poses/pose_gap.h"
+
 namespace accessvdb::io {
 
 /// Nothing that carries a scanner moves this fast: faster is a correction of the estimate, not a motion.
@@ -31,6 +33,9 @@ class PoseTrack {
     double largest_jump_m = 0;
   };
 
+  /// @param max_gap_ns  longest gap that is interpolated over
+  explicit PoseTrack(std::int64_t max_gap_ns = nanoseconds(kMaxPoseGap_s)) : max_gap_ns_(max_gap_ns) {}
+
   /// @param q  w x y z, of length 1 within what PoseChecker repairs
   void add(std::int64_t stamp_ns, const Eigen::Vector3d& p, const Eigen::Vector4d& q);
   /// Sorts, drops what is repeated, finds jumps. After the last add().
@@ -38,7 +43,7 @@ class PoseTrack {
   /// Drops poses that follow another within that time; for recordings of many hours.
   void thin(std::int64_t spacing_ns);
 
-  /// Interpolated over gaps of at most kMaxPoseGap_s, never extrapolated, not over jumps. After finish().
+  /// Interpolated over gaps of at most max_gap_ns, never extrapolated, not over jumps. After finish().
   [[nodiscard]] std::optional<Eigen::Isometry3d> at(std::int64_t stamp_ns) const;
 
   [[nodiscard]] const Counts& counts() const { return counts_; }
@@ -58,6 +63,7 @@ class PoseTrack {
     [[nodiscard]] Eigen::Isometry3d pose() const;
   };
 
+  std::int64_t max_gap_ns_;
   std::vector<Entry> poses_;
   Counts counts_;
 };

@@ -3,6 +3,7 @@
 #include "io/poses/scan_poses.h"
 
 #include <algorithm>
+#include <exception>
 #include <functional>
 #include <system_error>
 
@@ -47,7 +48,11 @@ ScanPoses fromPoseFile(const ScanFileList& scans, const ScanInputOptions& option
   std::vector<std::string> stems;
   for (const fs::path& file : scans.files) stems.push_back(file.stem().string());
   result.notices = poses.notices;
-  result.match = matchPoses(stems, poses, times, times_name, options.time_offset_s);
+  result.match =
+      matchPoses(stems, poses, times, times_name,
+                 {.match = options.match, .time_offset_s = options.time_offset_s, .max_gap_s = options.max_gap_s});
+  result.warnings = poses.warnings;
+  result.warnings.insert(result.warnings.end(), result.match.warnings.begin(), result.match.warnings.end());
   result.stamped = poses.stamped;
   if (poses.stamped) result.track = std::move(poses.poses);
   return result;
@@ -56,14 +61,25 @@ ScanPoses fromPoseFile(const ScanFileList& scans, const ScanInputOptions& option
 /// @param asked  whether the format was requested; otherwise several identity poses count as none
 ScanPoses fromViewpoints(const ScanFileList& scans, bool asked) {
   ScanPoses result;
-  std::size_t missing = 0, identity = 0;
+  std::size_t missing = 0, identity = 0, bad = 0;
+  std::exception_ptr first;
+  std::string problem;
   for (std::size_t i = 0; i < scans.files.size(); ++i) {
     const auto viewpoint = readPcdViewpoint(scans.files[i]);
     MatchedScan scan{i, Eigen::Isometry3d::Identity(), 0};
     if (viewpoint) {
       const auto& v = *viewpoint;
       PoseChecker checker(forMessage(scans.files[i].native()) + " VIEWPOINT");
-      scan.T_W_S = checker.fromQuaternion({v[0], v[1], v[2]}, {v[3], v[4], v[5], v[6]}, 0);
+      try {
+        scan.T_W_S = checker.fromQuaternion({v[0], v[1], v[2]}, {v[3], v[4], v[5], v[6]}, 0);
+      } catch (const UnusableInput& error) {
+        if (!checker.foundNone()) throw;
+        if (bad++ == 0) {
+          first = std::current_exception();
+          problem = error.subject() + ": " + error.problem();
+        }
+        continue;
+      }
       if (result.notices.empty()) checker.addNotice(result.notices);
     } else {
       ++missing;
@@ -71,7 +87,11 @@ ScanPoses fromViewpoints(const ScanFileList& scans, bool asked) {
     identity += scan.T_W_S.matrix().isIdentity(0) ? 1 : 0;
     result.match.scans.push_back(scan);
   }
-  if (!asked && scans.files.size() > 1 && identity == scans.files.size())
+  if (bad > 0 && 2 * bad >= scans.files.size()) std::rethrow_exception(first);
+  if (bad > 0)
+    result.warnings.push_back({"poses.skipped", std::to_string(bad) + " of " + std::to_string(scans.files.size()) +
+                                                    " scans are skipped, because their poses are none: " + problem});
+  if (!asked && scans.files.size() > 1 && identity + bad == scans.files.size())
     throw UnusableInput("poses.none", forMessage(scans.folder.native()),
                         "there is no pose file and no scan has a VIEWPOINT other than the identity",
                         "Use ScanInputOptions::poses; for a static sensor, with identical poses");

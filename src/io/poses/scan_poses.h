@@ -19,6 +19,7 @@ struct ScanPoses {
   std::vector<PoseEntry> track;              ///< if stamped: all poses, in the order of their stamps
   std::vector<std::filesystem::path> files;  ///< read on the way: poses, calibration, times
   std::vector<std::string> notices;          ///< about the poses; those of the match are in the match
+  std::vector<ScanWarning> warnings;         ///< of both
 };
 
 /// A file with that name next to the scans: in their folder, or in the folder above as in KITTI's layout.

@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "accessvdb/error.h"
+#include "io/poses/column_names.h"
 #include "io/streams/byte_source.h"
 #include "io/streams/input_file.h"
 #include "io/streams/text_lines.h"
@@ -22,6 +23,15 @@ struct StationLine {
   Eigen::Vector3d p_W = Eigen::Vector3d::Zero();
 };
 
+StationLine checkedStation(StationLine station, const LineReader& lines) {
+  if (station.name.empty()) lines.fail("has an empty name", kLineAdvice);
+  if (!station.p_W.allFinite())
+    throw UnusableInput("stations.non_finite", lines.subject(),
+                        "line " + std::to_string(lines.number()) + " has a position that is not finite",
+                        "Correct or remove that line");
+  return station;
+}
+
 /// The name is what stands before the last three words, without quotes.
 StationLine parseStation(std::string_view line, const std::vector<std::string_view>& tokens, const LineReader& lines) {
   StationLine station;
@@ -34,13 +44,30 @@ StationLine parseStation(std::string_view line, const std::vector<std::string_vi
   std::string_view name = line.substr(static_cast<std::size_t>(begin - line.data()),
                                       static_cast<std::size_t>(last.data() + last.size() - begin));
   if (name.size() >= 2 && name.front() == '"' && name.back() == '"') name = name.substr(1, name.size() - 2);
-  if (name.empty()) lines.fail("has an empty name", kLineAdvice);
-  if (!station.p_W.allFinite())
-    throw UnusableInput("stations.non_finite", lines.subject(),
-                        "line " + std::to_string(lines.number()) + " has a position that is not finite",
-                        "Correct or remove that line");
   station.name = name;
-  return station;
+  return checkedStation(std::move(station), lines);
+}
+
+/// Whether the lines are `file x y z`, as they are without a line of names.
+bool isUsual(const NamedColumns& names) {
+  const auto& [x, y, z] = names.position;
+  return names.file < x && y == x + 1 && z == x + 2 && names.count == z + 1 && names.position_unit_m == 1;
+}
+
+StationLine namedStation(std::string_view line, const NamedColumns& names, const LineReader& lines) {
+  std::vector<std::string_view> cells = strictCells(line);
+  if (cells.empty()) splitTokens(line, cells);
+  const bool complete = cells.size() > names.file && cells.size() > names.last(false);
+  if (!complete || !names.conflict.empty() || (names.count != cells.size() && cells.back() != ""))
+    lines.fail("does not have the columns that the line of names has", kLineAdvice);
+  StationLine station;
+  station.name = cells[names.file];
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    double& value = station.p_W[static_cast<Eigen::Index>(axis)];
+    if (!parseNumber(cells[names.position[axis]], value)) lines.fail("has a position that is no number", kLineAdvice);
+    value *= names.position_unit_m;
+  }
+  return checkedStation(std::move(station), lines);
 }
 
 std::vector<StationLine> parseStations(const std::filesystem::path& path, const std::string& subject) {
@@ -50,14 +77,22 @@ std::vector<StationLine> parseStations(const std::filesystem::path& path, const 
   std::vector<std::string_view> tokens;
   std::vector<StationLine> stations;
   std::set<std::filesystem::path> seen;
-  bool first = true;
+  std::optional<NamedColumns> names;  // where they are in another order
   while (lines.next(line)) {
-    if (isBlankOrComment(line)) continue;
+    const bool comment = isBlankOrComment(line);
     splitTokens(line, tokens);
-    const bool header = first && tokens.size() == 4 && (tokens[1] == "x" || tokens[1] == "X");
-    first = false;
-    if (header) continue;
-    stations.push_back(parseStation(line, tokens, lines));
+    if (tokens.empty()) continue;
+    double number = 0;
+    const auto isNumber = [&](std::string_view token) { return parseNumber(token, number); };
+    if (stations.empty() && (comment || std::none_of(tokens.begin(), tokens.end(), isNumber))) {
+      const auto found = parseColumnNames(line);
+      const bool complete = found && found->hasPosition() && found->file != NamedColumns::kNone;
+      if (complete) names = isUsual(*found) ? std::nullopt : found;
+      if (!complete && !comment) lines.fail("is not the name of a file and its x y z, nor names them", kLineAdvice);
+      continue;
+    }
+    if (comment) continue;
+    stations.push_back(names ? namedStation(line, *names, lines) : parseStation(line, tokens, lines));
     if (!seen.insert(std::filesystem::path(stations.back().name).lexically_normal()).second)
       throw UnusableInput(
           "stations.duplicate", subject,

@@ -3,10 +3,10 @@
 #include "io/poses/trajectory.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "io/poses/column_reader.h"
 #include "io/poses/pose_matching.h"
 #include "io/streams/byte_source.h"
 #include "io/streams/input_file.h"
@@ -15,76 +15,35 @@
 namespace accessvdb::io {
 namespace {
 
-using Columns = std::array<std::size_t, 4>;  ///< of time, x, y, z
-constexpr Columns kPlainColumns = {0, 1, 2, 3};
-
-/// A column's name without unit and quotes, in lower case: "GPSTime[s]" becomes "gpstime".
-std::string plainName(std::string_view token) {
-  token = token.substr(0, token.find_first_of("[("));
-  std::string name;
-  for (const char c : token)
-    if (c != '"' && c != '%' && c != '#') name += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return name;
-}
-
-bool isOneOf(const std::string& name, std::initializer_list<const char*> names) {
-  return std::find(names.begin(), names.end(), name) != names.end();
-}
-
-/// 0 time, 1 to 3 x y z, 4 geographic, nothing for other columns.
-std::optional<std::size_t> meaningOf(const std::string& name) {
-  if (isOneOf(name, {"t", "time", "time_s", "timestamp", "stamp", "gps_time", "gpstime", "sec", "seconds"})) return 0;
-  if (isOneOf(name, {"x", "tx", "px", "x_m", "pos_x", "easting", "east", "e"})) return 1;
-  if (isOneOf(name, {"y", "ty", "py", "y_m", "pos_y", "northing", "north", "n"})) return 2;
-  if (isOneOf(name, {"z", "tz", "pz", "z_m", "pos_z", "height", "h", "elevation", "altitude", "alt", "up"})) return 3;
-  if (isOneOf(name, {"lat", "latitude", "lon", "long", "longitude"})) return 4;
-  return std::nullopt;
-}
-
-/// The columns that a line names, if it names each of time, x, y and z exactly once.
-std::optional<Columns> namedColumns(const std::vector<std::string_view>& tokens, const LineReader& lines) {
-  std::array<std::size_t, 5> count = {};
-  Columns columns = {};
-  std::size_t column = 0;
-  for (const std::string_view token : tokens) {
-    const std::string name = plainName(token);
-    if (name.empty()) continue;  // the sign of a comment that stands alone
-    if (const auto meaning = meaningOf(name)) {
-      ++count[*meaning];
-      if (*meaning < columns.size()) columns[*meaning] = column;
-    }
-    ++column;
-  }
-  if (count[4] == 2 && count[0] == 1)
-    throw UnusableInput("trajectory.geographic", lines.subject(),
-                        "line " + std::to_string(lines.number()) + " names latitude and longitude",
-                        "Export the trajectory in the projection of the cloud, in metres");
-  if (count[0] != 1 || count[1] != 1 || count[2] != 1 || count[3] != 1) return std::nullopt;
-  return columns;
-}
+constexpr ColumnReader::Wanted kTrajectoryColumns = {.id = "trajectory",
+                                                     .what = "A trajectory has a time and a position in each line",
+                                                     .names = "time x y z",
+                                                     .time = true,
+                                                     .counted = true};
 
 struct TimedRow {
   Trajectory::Node node;
   std::size_t line = 0;
 };
 
-TimedRow parseRow(const std::vector<std::string_view>& tokens, const Columns& columns, const LineReader& lines) {
+TimedRow parseRow(const ColumnReader& reader, const std::string& subject) {
+  static const NamedColumns kPlain = [] {
+    NamedColumns columns;
+    columns.time = 0;
+    columns.position = {1, 2, 3};
+    return columns;
+  }();
+  const NamedColumns& columns = reader.names() ? *reader.names() : kPlain;
   TimedRow row;
-  row.line = lines.number();
-  std::array<double, 4> value = {};
-  for (std::size_t i = 0; i < columns.size(); ++i) {
-    if (columns[i] >= tokens.size())
-      lines.fail("has " + std::to_string(tokens.size()) + " columns, too few for time x y z",
-                 "A trajectory has a time and a position in each line");
-    if (!parseNumber(tokens[columns[i]], value[i]))
-      lines.fail("has '" + wordForMessage(tokens[columns[i]]) + "' where a number is needed",
-                 "A trajectory has a time and a position in each line");
-    if (!std::isfinite(value[i]))
-      throw UnusableInput("trajectory.non_finite", lines.subject(),
-                          "line " + std::to_string(lines.number()) + " has a time or position that is not finite",
-                          "Remove or correct that line");
-  }
-  row.node = {value[0], {value[1], value[2], value[3]}};
+  row.line = reader.line();
+  row.node.stamp_s = reader.number(columns.time);
+  if (columns.nanoseconds != NamedColumns::kNone) row.node.stamp_s += 1e-9 * reader.number(columns.nanoseconds);
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    row.node.p_W[static_cast<Eigen::Index>(axis)] = reader.number(columns.position[axis]) * columns.position_unit_m;
+  if (!std::isfinite(row.node.stamp_s) || !row.node.p_W.allFinite())
+    throw UnusableInput("trajectory.non_finite", subject,
+                        "line " + std::to_string(row.line) + " has a time or position that is not finite",
+                        "Remove or correct that line");
   return row;
 }
 
@@ -120,44 +79,42 @@ std::vector<Trajectory::Node> checkedNodes(std::vector<TimedRow>& rows, const st
 
 }  // namespace
 
-Trajectory Trajectory::read(const std::filesystem::path& path, bool sort) {
+Trajectory Trajectory::read(const std::filesystem::path& path, bool sort, double max_gap_s) {
   const std::string subject = forMessage(path.native());
   const std::unique_ptr<ByteSource> source = openFile(path);
   LineReader lines(*source, 0, subject);
-  std::string_view line;
-  std::vector<std::string_view> tokens;
+  ColumnReader reader(lines, kTrajectoryColumns);
   std::vector<TimedRow> rows;
-  std::optional<Columns> named;
-  while (lines.next(line)) {
-    splitTokens(line, tokens);
-    if (tokens.empty()) continue;
-    double number = 0;
-    if (isBlankOrComment(line) || (rows.empty() && !parseNumber(tokens.front(), number))) {
-      const bool comment = isBlankOrComment(line) || tokens.front().front() == '%';
-      const auto columns = rows.empty() ? namedColumns(tokens, lines) : std::nullopt;
-      if (columns) named = columns;
-      if (!columns && !comment)
-        lines.fail("is neither a time and a position nor a header that names time, x, y and z",
-                   "A trajectory has a time and a position in each line");
-      continue;
-    }
-    rows.push_back(parseRow(tokens, named.value_or(kPlainColumns), lines));
-  }
+  while (reader.next()) rows.push_back(parseRow(reader, subject));
   source->checkAtEnd();
   if (rows.empty())
     throw UnusableInput("trajectory.none", subject, "contains no positions", "Use the trajectory of this survey");
-  std::vector<std::string> notices;
+  std::vector<std::string> notices = reader.notices();
+  std::vector<double> times;
+  for (const TimedRow& row : rows) times.push_back(row.node.stamp_s);
+  const std::optional<NamedColumns>& names = reader.names();
+  if (const double unit_s = timeUnit_s(times, names ? names->time_unit_s : std::nullopt, subject); unit_s != 1) {
+    for (TimedRow& row : rows) row.node.stamp_s *= unit_s;
+    notices.push_back(std::string("trajectory: times are in ") + timeUnitName(unit_s));
+  }
   std::vector<Node> nodes = checkedNodes(rows, subject, sort, notices);
-  Trajectory trajectory(std::move(nodes), subject);
+  Trajectory trajectory(std::move(nodes), subject, max_gap_s);
   std::string where = "the first four columns";
-  if (named) {
-    where = "columns";
-    for (const std::size_t column : *named) where += " " + std::to_string(column + 1);
+  if (names) {
+    where = "columns " + std::to_string(names->time + 1);
+    for (const std::size_t column : names->position) where += " " + std::to_string(column + 1);
   }
   notices.insert(notices.begin(),
                  "trajectory: time x y z from " + where + ", the sensor's positions in the cloud's frame");
   trajectory.notices_ = std::move(notices);
   return trajectory;
+}
+
+std::optional<double> Trajectory::gapAt_s(double stamp_s) const {
+  const auto after = std::upper_bound(nodes_.begin(), nodes_.end(), stamp_s,
+                                      [](double stamp, const Node& node) { return stamp < node.stamp_s; });
+  if (after == nodes_.begin() || after == nodes_.end()) return std::nullopt;
+  return after->stamp_s - (after - 1)->stamp_s;
 }
 
 std::optional<Eigen::Vector3d> Trajectory::at(double stamp_s, std::size_t& near) const {
@@ -174,7 +131,7 @@ std::optional<Eigen::Vector3d> Trajectory::at(double stamp_s, std::size_t& near)
   }
   const Node* const after = near < nodes_.size() ? &nodes_[near] : nullptr;
   const Node* const before = near > 0 ? &nodes_[near - 1] : nullptr;
-  if (after != nullptr && before != nullptr && after->stamp_s - before->stamp_s <= kMaxPoseGap_s) {
+  if (after != nullptr && before != nullptr && bridges(after->stamp_s - before->stamp_s, max_gap_s_)) {
     const double share = (stamp_s - before->stamp_s) / (after->stamp_s - before->stamp_s);
     return Eigen::Vector3d((1 - share) * before->p_W + share * after->p_W);
   }

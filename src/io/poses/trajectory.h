@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "io/poses/pose_gap.h"
+
 namespace accessvdb::io {
 
 class Trajectory {
@@ -22,16 +24,21 @@ class Trajectory {
   };
 
   /// @param sort  accept stamps that run backwards, by sorting them
+  /// @param max_gap_s  longest gap between two positions that is interpolated over
   /// @throws InputError (unreadable, malformed), UnusableInput "trajectory.none" (no positions),
   ///         "trajectory.geographic" (degrees), "trajectory.non_finite", "trajectory.reversed", "trajectory.duplicate"
-  [[nodiscard]] static Trajectory read(const std::filesystem::path& path, bool sort);
+  [[nodiscard]] static Trajectory read(const std::filesystem::path& path, bool sort, double max_gap_s = kMaxPoseGap_s);
   /// @param nodes  not empty, with strictly increasing, finite stamps
-  Trajectory(std::vector<Node> nodes, std::string subject) : nodes_(std::move(nodes)), subject_(std::move(subject)) {}
+  Trajectory(std::vector<Node> nodes, std::string subject, double max_gap_s = kMaxPoseGap_s)
+      : nodes_(std::move(nodes)), subject_(std::move(subject)), max_gap_s_(max_gap_s) {}
 
-  /// The position at a time, interpolated over gaps of at most kMaxPoseGap_s, never extrapolated; nothing for NaN.
+  /// The position at a time, interpolated over gaps of at most max_gap_s, never extrapolated; nothing for NaN.
   /// @param near  where the last search ended, from 0; makes searches for times in a row fast
   [[nodiscard]] std::optional<Eigen::Vector3d> at(double stamp_s, std::size_t& near) const;
 
+  /// How far apart the positions around a time are; nothing before the first and after the last.
+  [[nodiscard]] std::optional<double> gapAt_s(double stamp_s) const;
+  [[nodiscard]] double maxGap_s() const { return max_gap_s_; }
   [[nodiscard]] double first_s() const { return nodes_.front().stamp_s; }
   [[nodiscard]] double last_s() const { return nodes_.back().stamp_s; }
   [[nodiscard]] std::size_t size() const { return nodes_.size(); }
@@ -42,6 +49,7 @@ class Trajectory {
  private:
   std::vector<Node> nodes_;
   std::string subject_;
+  double max_gap_s_;
   std::vector<std::string> notices_;
 };
 

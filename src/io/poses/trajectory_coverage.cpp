@@ -8,7 +8,6 @@
 #include <cstdio>
 
 #include "accessvdb/error.h"
-#include "io/poses/pose_matching.h"
 
 namespace accessvdb::io {
 namespace {
@@ -77,12 +76,25 @@ double coveredShare(const std::vector<double>& stamps_s, double offset_s, const 
   return static_cast<double>(covered) / static_cast<double>(stamps_s.size());
 }
 
+std::string adviceForGaps(const std::vector<double>& stamps_s, const Trajectory& trajectory) {
+  std::vector<double> gaps_s;
+  for (const double stamp : stamps_s)
+    if (const auto gap_s = trajectory.gapAt_s(stamp)) gaps_s.push_back(*gap_s);
+  const double enough_s = sufficientGap_s(std::move(gaps_s));
+  const std::string often = gapInWords(trajectory.maxGap_s()) + " or more often";
+  if (!(enough_s > trajectory.maxGap_s())) return "Export the trajectory with a position every " + often;
+  char value[32];
+  std::snprintf(value, sizeof value, "%.2f", enough_s);
+  return "Use ScanInputOptions::max_gap_s " + std::string(value) +
+         " if the sensor moved evenly in between, or export positions every " + often;
+}
+
 std::string adviceForCoverage(const std::vector<double>& stamps_s, const Trajectory& trajectory, double time_offset_s) {
   const auto inside = std::count_if(stamps_s.begin(), stamps_s.end(), [&](double stamp) {
     return stamp >= trajectory.first_s() && stamp <= trajectory.last_s();
   });
   if (!stamps_s.empty() && static_cast<double>(inside) >= kCovered * static_cast<double>(stamps_s.size()))
-    return "Export the trajectory with a position every 0.2 s or more often";
+    return adviceForGaps(stamps_s, trajectory);
   if (const auto likely = likelyClockOffset(stamps_s, trajectory))
     return "Use time_offset_s " + offsetText(time_offset_s + likely->offset_s) + ", if " + likely->reason;
   return "Use the whole trajectory of this survey, on the cloud's clock or with time_offset_s";
@@ -152,7 +164,7 @@ void TrajectoryCoverage::check(const Trajectory& trajectory, double time_offset_
   if (!(share >= kCovered)) {
     throw UnusableInput("trajectory.coverage", trajectory.subject(),
                         "covers " + percentText(share) + " of the returns, less than 99 %: " + spans +
-                            ", and gaps of more than 0.2 s are not bridged",
+                            ", and gaps of more than " + gapInWords(trajectory.maxGap_s()) + " are not bridged",
                         adviceForCoverage(stamps_s_.values(), trajectory, time_offset_s));
   }
   if (2 * far_ > covered_)
@@ -172,7 +184,8 @@ std::vector<std::string> TrajectoryCoverage::notices(const Trajectory& trajector
                     (ranges_m_.values().empty() ? "?" : metresText(median(ranges_m_.values()))) + " from the sensor");
   if (covered_ < returns_)
     notices.push_back("trajectory: " + std::to_string(returns_ - covered_) + " of " + std::to_string(returns_) +
-                      " returns are skipped: there is no position within 0.2 s of their time");
+                      " returns are skipped: there is no position within " + gapInWords(trajectory.maxGap_s()) +
+                      " of their time");
   return notices;
 }
 

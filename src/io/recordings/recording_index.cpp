@@ -17,7 +17,7 @@ namespace {
 constexpr std::size_t kMostClouds = std::size_t{1} << 20;
 constexpr std::size_t kMostPoses = std::size_t{1} << 19;
 constexpr std::int64_t kFirstThinning_ns = 1'000'000;
-/// Interpolation needs a pose within 0.2 s.
+/// Interpolation needs a pose within kMaxPoseGap_s.
 constexpr std::int64_t kLastThinning_ns = 100'000'000;
 
 class FileInput final : public bags::ByteInput {
@@ -41,7 +41,7 @@ class FileInput final : public bags::ByteInput {
 
 class Indexer {
  public:
-  explicit Indexer(const IndexRequest& request) : request_(request) {}
+  explicit Indexer(const IndexRequest& request) : request_(request), index_(request.max_gap_s) {}
 
   void add(std::uint32_t file, bags::Recording& recording) {
     file_ = file;
@@ -90,6 +90,7 @@ class Indexer {
       fresh.topic.encoding = topic.encoding;
       fresh.kind = bags::kindOf(topic.type);
       fresh.wire = bags::wireOf(topic.encoding);
+      fresh.poses = PoseTrack(nanoseconds(request_.max_gap_s));
     }
     return index_.topics[known->second];
   }
@@ -101,8 +102,8 @@ class Indexer {
       of_file_.push_back(static_cast<std::size_t>(&topicOf(topic) - index_.topics.data()));
     }
     IndexedTopic& topic = index_.topics[of_file_[message.topic]];
-    if (topic.error) return;
     ++topic.seen;
+    const std::size_t clouds = topic.clouds.size();
     try {
       if (bags::isCloud(*topic.kind)) {
         addCloud(topic, message);
@@ -114,7 +115,10 @@ class Indexer {
         addPose(topic, message);
       }
     } catch (const bags::MessageError& error) {
+      topic.clouds.resize(clouds);
+      if (topic.bad++ > 0) return;
       topic.error = error;
+      topic.first_bad = topic.seen;
     }
   }
 
@@ -229,11 +233,15 @@ std::unique_ptr<bags::Recording> openRecording(const std::filesystem::path& path
   return bags::openSqlite(std::move(input), open);
 }
 
-void IndexedTopic::requireReadable(const std::string& subject) const {
+void IndexedTopic::requireReadable(const std::string& subject, std::vector<ScanWarning>& warnings) const {
   if (!error) return;
-  throw InputError(error->id(), subject + " " + wordForMessage(topic.name),
-                   "message " + std::to_string(seen) + " (" + wordForMessage(topic.type) + ") " + error->what(),
-                   error->advice());
+  const std::string first =
+      "message " + std::to_string(first_bad) + " (" + wordForMessage(topic.type) + ") " + error->what();
+  if (2 * bad >= seen)
+    throw InputError(error->id(), subject + " " + wordForMessage(topic.name), first, error->advice());
+  warnings.push_back({isReadCloud() ? "scans.skipped" : "poses.skipped",
+                      std::to_string(bad) + " of " + std::to_string(seen) + " messages of " +
+                          wordForMessage(topic.name) + " are skipped: " + first});
 }
 
 std::uint64_t RecordingIndex::heldBytes() const {

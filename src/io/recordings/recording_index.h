@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/scan_io.h"
 #include "bags/messages.h"
 #include "bags/recording.h"
 #include "io/clouds/point_cloud.h"
@@ -49,17 +50,20 @@ struct IndexedTopic {
   PoseTrack poses;                          ///< of odometry and poses, finished
   std::uint64_t other_frames = 0;           ///< poses that were dropped: between other frames than the first one
   std::uint64_t unstamped = 0;              ///< messages without a time: that of their recording is used
-  std::optional<bags::MessageError> error;  ///< the first message that could not be read
-  std::uint64_t seen = 0;                   ///< messages until then
+  std::optional<bags::MessageError> error;  ///< of the first message that could not be read
+  std::uint64_t first_bad = 0;              ///< which one that was, from 1
+  std::uint64_t seen = 0, bad = 0;          ///< messages, and those of them that could not be read
 
   [[nodiscard]] bool isReadCloud() const { return kind && wire && bags::isCloud(*kind); }
   [[nodiscard]] bool isReadPose() const { return kind && wire && bags::isPose(*kind); }
-  /// @throws InputError if a message could not be read
-  void requireReadable(const std::string& subject) const;
+  /// One bad message costs that message. @throws InputError if half of the messages could not be read
+  void requireReadable(const std::string& subject, std::vector<ScanWarning>& warnings) const;
 };
 inline constexpr std::size_t kMostFrameNames = 64;
 
 struct RecordingIndex {
+  explicit RecordingIndex(double max_gap_s) : transforms(nanoseconds(max_gap_s)) {}
+
   std::vector<IndexedTopic> topics;
   FrameTree transforms;               ///< not finished: odometry may be put into it
   std::vector<std::string> cut_offs;  ///< one line for each file that is not whole
@@ -75,6 +79,7 @@ struct IndexRequest {
   std::string topic = {}, pose_topic = {};  ///< empty: all of them
   bool times = false;                       ///< the times of points are looked at
   bool imu = false;                         ///< measurements of an IMU are kept
+  double max_gap_s = kMaxPoseGap_s;         ///< see PoseTrack
   bool list_only = false;                   ///< clouds and poses are looked at, but not kept
 };
 

@@ -9,8 +9,10 @@
 
 #include "accessvdb/error.h"
 #include "io/poses/levelling.h"
+#include "io/poses/pose_checks.h"
 #include "io/poses/pose_matching.h"
 #include "io/recordings/recording_topics.h"
+#include "io/recordings/stamp_words.h"
 #include "io/scans/deskew_choice.h"
 #include "io/scans/exclude_box.h"
 #include "io/scans/scan_motion.h"
@@ -22,18 +24,10 @@ namespace {
 /// Names that stand for none: the frame of poses that do not say whose they are, and the one that they are in.
 const std::string kSensorFrame = "\nsensor", kWorldFrame = "\nworld";
 
-std::string secondsText(std::int64_t stamp_ns) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%.3f", seconds(stamp_ns));
-  return text;
-}
 std::string metresText(double value) {
   char text[64];
   std::snprintf(text, sizeof text, "%.1f m", value);
   return text;
-}
-std::string spanText(std::int64_t first_ns, std::int64_t last_ns) {
-  return secondsText(first_ns) + " to " + secondsText(last_ns) + " s";
 }
 std::string frameText(const std::string& name) {
   return name.empty() || name.front() == '\n' ? "without a name" : wordForMessage(name);
@@ -54,10 +48,12 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
                                const ScanInputOptions& options)
     : files_(files),
       subject_(subjectOf(files)),
+      frames_(nanoseconds(options.max_gap_s)),
       T_B_S_(options.T_B_S),
       exclude_box_S_(options.exclude_box_S),
       deskew_(options.deskew),
-      time_offset_s_(options.time_offset_s) {
+      time_offset_s_(options.time_offset_s),
+      max_gap_s_(options.max_gap_s) {
   for (const auto& file : files_) recordings_.push_back(openRecording(file, kind, options.allow_truncated));
   RecordingIndex index = indexRecording({.files = files_,
                                          .kind = kind,
@@ -65,11 +61,12 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
                                          .topic = options.topic,
                                          .pose_topic = options.pose_topic,
                                          .times = options.deskew != Deskew::Off,
-                                         .imu = !options.level || options.level->from_imu},
+                                         .imu = !options.level || options.level->from_imu,
+                                         .max_gap_s = options.max_gap_s},
                                         recordings_);
   for (const std::string& line : index.cut_offs) warnings_.push_back({"recording.cut_off", line});
   IndexedTopic& cloud = chooseCloudTopic(index, options.topic, subject_);
-  cloud.requireReadable(subject_);
+  cloud.requireReadable(subject_, warnings_);
   topic_ = cloud.topic.name;
   cloud_kind_ = *cloud.kind;
   wire_ = *cloud.wire;
@@ -85,10 +82,17 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
   } else {
     useTransforms(cloud);
   }
+  if (options.poses.empty() && poses == nullptr)
+    for (const IndexedTopic& topic : index.topics)
+      if (topic.kind == bags::MessageKind::Transforms && topic.wire) topic.requireReadable(subject_, warnings_);
   if (index.thinned_ns > 0)
     notices_.push_back("recording: poses less than " + std::to_string(index.thinned_ns / 1'000'000) +
                        " ms after another are not used, to save memory");
   if (T_B_S_) rule_ += ", with T_B_S";
+  if (!uses_.empty() && !T_B_S_)
+    if (const auto T_B_points = frames_.onMovingFrame(uses_.front().of_points))
+      warnOfFarExtrinsic(T_B_points->translation(), "the recording's fixed transform of " + wordForMessage(topic_),
+                         warnings_);
   if (options.level) {
     level(index, *options.level);
   } else {
@@ -118,6 +122,7 @@ void RecordingSteps::usePoseFile(const IndexedTopic& cloud, const ScanInputOptio
     throw UnusableInput("poses.no_stamps", file_->subject, "has no time stamps, which the clouds of a recording need",
                         "Use a pose file in TUM format, on the recording's clock");
   notices_.insert(notices_.end(), file_->notices.begin(), file_->notices.end());
+  warnings_.insert(warnings_.end(), file_->warnings.begin(), file_->warnings.end());
   for (const std::string& frame : cloud.frames) uses_.push_back({.registered = !world_.empty() && frame == world_});
   const auto& poses = file_->poses;
   span_ = std::to_string(poses.size()) + " poses from " +
@@ -139,7 +144,7 @@ FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
 }
 
 void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud, const ScanInputOptions& options) {
-  poses.requireReadable(subject_);
+  poses.requireReadable(subject_, warnings_);
   tellAboutOdometry(poses, options.sort_poses);
   const std::string parent = poses.frames.front().empty() ? kWorldFrame : poses.frames.front();
   if (world_.empty()) world_ = parent;
@@ -186,7 +191,9 @@ void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
   };
   tell(counts.backwards, "were earlier than the one before, and have been sorted");
   tell(counts.repeated, "are dropped: another one has the same time");
-  tell(counts.invalid, "are dropped: not finite, or not a rotation");
+  if (counts.invalid > 0)
+    warnings_.push_back({"poses.skipped", std::to_string(counts.invalid) + " of " + name +
+                                              " are skipped: not finite, or not a rotation"});
   tell(poses.other_frames, "are dropped: between other frames than the first one");
   tell(poses.unstamped, "have no time; the time of their recording is used");
   if (counts.jumps > 0)
@@ -219,7 +226,9 @@ void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
   const auto tell = [&](std::uint64_t count, const std::string& what) {
     if (count > 0) notices_.push_back("poses: " + std::to_string(count) + " transforms are dropped: " + what);
   };
-  tell(frames_.invalid(), "not finite, or not a rotation");
+  if (frames_.invalid() > 0)
+    warnings_.push_back({"poses.skipped",
+                         std::to_string(frames_.invalid()) + " transforms are skipped: not finite, or not a rotation"});
   tell(frames_.otherParents(), "their frame was posed in another one before");
   if (frames_.jumps() > 0)
     warnings_.push_back({"poses.jumps", "transforms jump " + std::to_string(frames_.jumps()) +
@@ -264,7 +273,7 @@ RecordingSteps::AtRest RecordingSteps::forceAtRest(const RecordingIndex& index) 
     for (const ImuSample& sample : topic.imu) {
       std::optional<Eigen::Isometry3d> T_W_I;
       if (file_) {
-        T_W_I = interpolatePose(file_->poses, seconds(sample.stamp_ns));
+        T_W_I = interpolatePose(file_->poses, seconds(sample.stamp_ns), max_gap_s_);
       } else if (chain) {
         T_W_I = frames_.at(*chain, sample.stamp_ns);
       }
@@ -295,8 +304,10 @@ void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {
              poseAt(step.frame, step.stamp_ns + ns(range.last_s));
     }));
   };
+  timed.max_gap_s = max_gap_s_;
   const DeskewChoice choice = chooseDeskew(deskew_, timed);
   scale_ = choice.scale;
+  usual_times_ = choice.usual;
   rule_ += choice.words;
 }
 
@@ -312,6 +323,10 @@ bool RecordingSteps::removeMotion(const IndexedCloud& indexed, const bags::Cloud
   std::vector<double> times;
   bags::appendPoints(cloud, points_S);
   bags::appendTimes(cloud, times);
+  if (!areTimesOf(points_S, times, *scale_, seconds(indexed.stamp_ns) - time_offset_s_, usual_times_)) {
+    record.skipped = "the cloud at " + secondsText(indexed.stamp_ns) + " s has times that are not those of its scan";
+    return true;
+  }
   TimedScan scan = {points_S,        times,         *scale_, seconds(indexed.stamp_ns) - time_offset_s_,
                     posed.T_W_cloud, exclude_box_S_};
   MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) -> std::optional<Eigen::Isometry3d> {
@@ -334,7 +349,7 @@ std::optional<RecordingSteps::Posed> RecordingSteps::poseAt(std::uint32_t frame,
   const FrameUse& use = uses_.at(frame);
   Posed posed;
   if (file_) {
-    const auto T_W_B = interpolatePose(file_->poses, seconds(stamp_ns));
+    const auto T_W_B = interpolatePose(file_->poses, seconds(stamp_ns), max_gap_s_);
     if (!T_W_B) return std::nullopt;
     posed.T_W_sensor = onSensor(*T_W_B);
     if (!use.registered) posed.T_W_cloud = posed.T_W_sensor;
@@ -362,43 +377,6 @@ std::optional<Eigen::Isometry3d> RecordingSteps::givenPose(std::size_t step, dou
   if (R_L_W_) T_W_B = Eigen::Isometry3d(R_L_W_->transpose()) * T_W_B;
   if (T_B_S_) T_W_B = T_W_B * T_B_S_->inverse();
   return T_W_B;
-}
-
-void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options) {
-  constexpr double kMostOffset_s = 4e9;
-  if (!(std::abs(options.time_offset_s) <= kMostOffset_s))
-    throw InvalidArgument("usage.time_offset", "time_offset_s", "is more than a century", "Use seconds");
-  const auto offset_ns = static_cast<std::int64_t>(std::llround(options.time_offset_s * 1e9));
-  for (IndexedCloud& cloud : clouds) cloud.stamp_ns += offset_ns;
-  const auto earlier = [](const IndexedCloud& a, const IndexedCloud& b) { return a.stamp_ns < b.stamp_ns; };
-  if (!std::is_sorted(clouds.begin(), clouds.end(), earlier)) {
-    std::stable_sort(clouds.begin(), clouds.end(), earlier);
-    notices_.push_back("recording: clouds were not recorded in the order of their times, and have been sorted");
-  }
-  const std::size_t all = clouds.size();
-  const std::string span = spanText(clouds.front().stamp_ns, clouds.back().stamp_ns);
-  std::size_t before = 0;
-  bool found = false;
-  std::size_t posed = 0;
-  for (const IndexedCloud& cloud : clouds) {
-    if (!poseOf(cloud)) {
-      before += found ? 0 : 1;
-      continue;
-    }
-    found = true;
-    if (posed++ % static_cast<std::size_t>(options.every) == 0) steps_.push_back(cloud);
-  }
-  if (posed == 0)
-    throw UnusableInput(
-        "poses.no_overlap", subject_,
-        "no cloud has a pose at its time: " + std::to_string(all) + " clouds from " + span + ", " + span_,
-        "Use poses of this recording, on the same clock");
-  rule_ += ", poses interpolated over gaps of at most 0.2 s (" + std::to_string(posed) + " of " + std::to_string(all) +
-           " clouds, " + span_ + ")";
-  if (posed < all)
-    notices_.push_back("matching: " + std::to_string(all - posed) + " of " + std::to_string(all) +
-                       " clouds are skipped: they have no poses around them within 0.2 s (" + std::to_string(before) +
-                       " of them before the first that has)");
 }
 
 ScanRecord RecordingSteps::read(std::size_t step) {

@@ -54,6 +54,7 @@ class RecordingSteps {
   void tellAboutClouds(const RecordingIndex& index, const IndexedTopic& cloud);
   void tellAboutOdometry(const IndexedTopic& poses, bool sort);
   void keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options);
+  void leaveOutRepeated(std::vector<IndexedCloud>& clouds);
   void level(const RecordingIndex& index, const Level& level);
   void warnOfTilt(const RecordingIndex& index);
   /// What the IMU felt in the first second with poses, and of which topic and frame.
@@ -86,7 +87,8 @@ class RecordingSteps {
   std::optional<Eigen::AlignedBox3d> exclude_box_S_;
   Deskew deskew_ = Deskew::Auto;
   std::optional<TimeScale> scale_;  ///< motion within scans is removed
-  double time_offset_s_ = 0;
+  OffsetRange usual_times_;         ///< of scans that are timed right
+  double time_offset_s_ = 0, max_gap_s_ = kMaxPoseGap_s;
   std::string child_;                     ///< the frame that the odometry poses
   std::optional<Eigen::Matrix3d> R_L_W_;  ///< turns the frame of the poses level
   std::string span_;                      ///< of the poses, for messages

@@ -47,7 +47,7 @@ RecordingSummary summarizeRecording(const std::filesystem::path& path) {
     shown.cloud = indexed.isReadCloud();
     shown.pose = indexed.kind && indexed.wire && !shown.cloud && *indexed.kind != bags::MessageKind::Imu;
     if (indexed.error)
-      shown.problem = std::string("message ") + std::to_string(indexed.seen) + " " + indexed.error->what();
+      shown.problem = std::string("message ") + std::to_string(indexed.first_bad) + " " + indexed.error->what();
     if (topic.messages > 0) {
       summary.first_s = summary.messages == 0 ? shown.first_s : std::min(summary.first_s, shown.first_s);
       summary.last_s = summary.messages == 0 ? shown.last_s : std::max(summary.last_s, shown.last_s);

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "io/scans/deskew_choice.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -17,6 +18,35 @@ std::string rangeText(const OffsetRange& range) {
   return text;
 }
 
+/// Scans are alike: one that reaches three scans beyond the others has wrong times.
+OffsetRange usualTimes(const std::vector<TimeSpan>& samples, const TimeScale& scale) {
+  std::vector<double> first_s, last_s, length_s;
+  for (const TimeSpan& sample : samples) {
+    const TimeSpan alone[] = {sample};
+    const OffsetRange range = offsetRange(alone, scale);
+    first_s.push_back(range.first_s);
+    last_s.push_back(range.last_s);
+    length_s.push_back(range.last_s - range.first_s);
+  }
+  const auto median = [](std::vector<double>& values) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+  };
+  constexpr double kLeastSlack_s = 0.2;
+  const double slack_s = std::max(3 * median(length_s), kLeastSlack_s);
+  return {std::max(median(first_s) - slack_s, -kLongestScan_s), std::min(median(last_s) + slack_s, kLongestScan_s)};
+}
+
+std::vector<TimeSpan> samplesWithin(const OffsetRange& usual, std::vector<TimeSpan> samples, const TimeScale& scale) {
+  std::erase_if(samples, [&](const TimeSpan& sample) {
+    const TimeSpan alone[] = {sample};
+    const OffsetRange range = offsetRange(alone, scale);
+    return range.first_s < usual.first_s || range.last_s > usual.last_s;
+  });
+  return samples;
+}
+
 }  // namespace
 
 DeskewChoice chooseDeskew(Deskew wanted, const TimedScans& timed) {
@@ -24,9 +54,9 @@ DeskewChoice chooseDeskew(Deskew wanted, const TimedScans& timed) {
     if (wanted == Deskew::On)
       throw UnusableInput(id, timed.subject, "the motion within a scan cannot be removed, as Deskew::On asks: " + why,
                           advice);
-    return DeskewChoice{{}, "; motion within a scan is not removed: " + why};
+    return DeskewChoice{{}, {}, "; motion within a scan is not removed: " + why};
   };
-  if (wanted == Deskew::Off) return {{}, "; motion within a scan is not removed: Deskew::Off"};
+  if (wanted == Deskew::Off) return {{}, {}, "; motion within a scan is not removed: Deskew::Off"};
   if (!timed.posed_by_time)
     return unchanged("deskew.poses", "the poses have no times",
                      "Use poses in TUM format, or leave out ScanInputOptions::deskew");
@@ -44,14 +74,18 @@ DeskewChoice chooseDeskew(Deskew wanted, const TimedScans& timed) {
     return unchanged(
         "deskew.clock", field + " is on another clock than the scan's stamp",
         "Record times that count from the scan's stamp, or are on its clock, or leave out ScanInputOptions::deskew");
-  const OffsetRange range = offsetRange(timed.samples, *scale);
+  const OffsetRange usual = usualTimes(timed.samples, *scale);
+  const OffsetRange range = offsetRange(samplesWithin(usual, timed.samples, *scale), *scale);
   const std::size_t covered = timed.covered(range);
   if (covered == 0)
-    return unchanged("deskew.poses", "no scan has poses within 0.2 s of all of its points, " + rangeText(range),
-                     "Record poses more often, or leave out ScanInputOptions::deskew");
-  return {scale, "; each point is placed by the pose at its own time (" + field + ", " + scale->inWords() + ", " +
-                     rangeText(range) + ") in " + std::to_string(covered) + " of " + std::to_string(timed.scans) +
-                     " scans"};
+    return unchanged(
+        "deskew.poses",
+        "no scan has poses within " + gapInWords(timed.max_gap_s) + " of all of its points, " + rangeText(range),
+        "Record poses more often, bridge longer gaps with ScanInputOptions::max_gap_s, or leave out "
+        "ScanInputOptions::deskew");
+  return {scale, usual,
+          "; each point is placed by the pose at its own time (" + field + ", " + scale->inWords() + ", " +
+              rangeText(range) + ") in " + std::to_string(covered) + " of " + std::to_string(timed.scans) + " scans"};
 }
 
 }  // namespace accessvdb::io

@@ -10,6 +10,7 @@
 
 #include "accessvdb/scan_io.h"
 #include "io/clouds/point_times.h"
+#include "io/poses/pose_gap.h"
 
 namespace accessvdb::io {
 
@@ -21,6 +22,7 @@ struct TimedScans {
   std::vector<TimeSpan> samples = {};   ///< of scans with returns
   std::optional<TimeScale> scale = {};  ///< where the format says it
   std::size_t scans = 0;                ///< all that are used
+  double max_gap_s = kMaxPoseGap_s;     ///< for messages
   /// How many scans have poses at both ends of this range.
   std::function<std::size_t(const OffsetRange&)> covered = {};
 };
@@ -30,6 +32,7 @@ inline constexpr std::size_t kTimedSamples = 32;
 
 struct DeskewChoice {
   std::optional<TimeScale> scale = {};  ///< nothing: scans are used as they are
+  OffsetRange usual = {};               ///< no scan that is timed as most are has times outside
   std::string words = {};               ///< for the end of the matching rule
 };
 

@@ -64,6 +64,18 @@ MovedScan removeMotion(const TimedScan& scan, const PoseAtMillisecond& poseAt) {
   return moved;
 }
 
+bool areTimesOf(const std::vector<Eigen::Vector3f>& points_S, const std::vector<double>& times, const TimeScale& scale,
+                double stamp_s, const OffsetRange& usual) {
+  std::uint64_t returns = 0, elsewhere = 0;
+  for (std::size_t i = 0; i < points_S.size(); ++i) {
+    if (!isReturn(points_S[i])) continue;
+    ++returns;
+    const double offset_s = scale.offset_s(times[i], stamp_s);
+    elsewhere += offset_s < usual.first_s || offset_s > usual.last_s ? 1 : 0;  // NaN has no pose, and is counted there
+  }
+  return 100 * elsewhere <= returns;
+}
+
 void takeMoved(MovedScan moved, ScanRecord& record) {
   record.points_W = std::move(moved.points_W);
   record.origins_W = std::move(moved.origins_W);

@@ -48,6 +48,10 @@ struct MovedScan {
 
 [[nodiscard]] MovedScan removeMotion(const TimedScan& scan, const PoseAtMillisecond& poseAt);
 
+/// Whether the times can be those of the scan: nearly all returns were measured when those of other scans are.
+[[nodiscard]] bool areTimesOf(const std::vector<Eigen::Vector3f>& points_S, const std::vector<double>& times,
+                              const TimeScale& scale, double stamp_s, const OffsetRange& usual);
+
 /// Puts it into a record.
 void takeMoved(MovedScan moved, ScanRecord& record);
 

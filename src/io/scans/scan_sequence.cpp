@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "accessvdb/error.h"
 #include "accessvdb/scan_io.h"
@@ -17,8 +18,11 @@
 #include "io/recordings/recording_steps.h"
 #include "io/scans/deskew_choice.h"
 #include "io/scans/exclude_box.h"
+#include "io/scans/scan_checks.h"
 #include "io/scans/scan_files.h"
 #include "io/scans/scan_motion.h"
+#include "io/scans/scan_options.h"
+#include "io/scans/skipped_scans.h"
 #include "io/streams/input_file.h"
 #include "io/streams/text_lines.h"
 
@@ -58,83 +62,6 @@ std::optional<double> readRangeNoise(const std::filesystem::path& path) {
   return noise_m;
 }
 
-void checkOptions(const ScanInputOptions& options) {
-  if (options.every < 1)
-    throw InvalidArgument("usage.every", "ScanInputOptions::every", "must be at least 1", "1 uses all scans");
-  if (options.rays_per_step < 1)
-    throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
-  if (!std::isfinite(options.time_offset_s))
-    throw InvalidArgument("usage.time_offset", "time_offset_s", "must be a finite number", "Use seconds");
-  if (options.T_B_S) (void)PoseChecker("T_B_S").fromMatrix(options.T_B_S->matrix().topRows<3>(), 0);
-  if (const auto& box = options.exclude_box_S; box && !(box->sizes().minCoeff() > 0 && box->sizes().allFinite()))
-    throw InvalidArgument("usage.exclude_box", "exclude_box_S", "must have a finite size above 0 along each axis",
-                          "Use X0,Y0,Z0,X1,Y1,Z1, the lower corner first");
-  if (!options.trajectory.empty() && (!options.poses.empty() || options.sensor_at_W || !options.calib.empty()))
-    throw InvalidArgument("usage.trajectory", "ScanInputOptions::trajectory",
-                          "excludes ScanInputOptions::poses, sensor_at_W and ScanInputOptions::calib",
-                          "Use ScanInputOptions::trajectory for a cloud in the world frame, ScanInputOptions::poses "
-                          "for scans in the sensor's");
-  if (!options.stations.empty() &&
-      (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty()))
-    throw InvalidArgument(
-        "usage.stations", "ScanInputOptions::stations",
-        "excludes ScanInputOptions::poses, sensor_at_W, ScanInputOptions::trajectory and ScanInputOptions::calib",
-        "Use ScanInputOptions::stations for clouds in the world frame, ScanInputOptions::poses for scans in the "
-        "scanner's");
-  if (options.level && !(std::abs(options.level->roll_rad) <= 4 && std::abs(options.level->pitch_rad) <= 4))
-    throw InvalidArgument("usage.level", "ScanInputOptions::level", "must be two finite angles",
-                          "Use ROLL,PITCH in degrees, or imu");
-  if (const auto& ray = options.ray_W) {
-    if (!(ray->norm() > 0 && ray->norm() <= 1e5))
-      throw InvalidArgument("usage.ray", "ray_W", "must be a vector longer than 0, from the sensor to a point",
-                            "Use X,Y,Z in metres, for example 0,0,-10 for a flight above the cloud");
-    if (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() ||
-        !options.stations.empty())
-      throw InvalidArgument("usage.ray", "ray_W",
-                            "excludes ScanInputOptions::poses, sensor_at_W, ScanInputOptions::trajectory, "
-                            "ScanInputOptions::stations and ScanInputOptions::calib",
-                            "Omit it where it is known where the sensor was");
-  }
-  if (!options.sensor_at_W) return;
-  if (!options.sensor_at_W->allFinite())
-    throw InvalidArgument("usage.sensor_at", "sensor_at_W", "must be three finite numbers", "Use X,Y,Z in metres");
-  if (!options.poses.empty())
-    throw InvalidArgument("usage.sensor_at", "sensor_at_W", "and a pose file exclude each other",
-                          "Omit one of the two");
-}
-
-/// What is for one kind of scans only.
-void checkKind(const ScanInputOptions& options, const ScanFileList& scans) {
-  const bool recording = isRecording(scans.kind);
-  for (const auto& [flag, value] : {std::pair("ScanInputOptions::topic", &options.topic),
-                                    {"pose_topic", &options.pose_topic},
-                                    {"fixed_frame", &options.fixed_frame}})
-    if (!recording && !value->empty())
-      throw InvalidArgument("usage.recording", flag, "is for recordings (.mcap, .db3, .bag)", "Omit it");
-  if (recording &&
-      (options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() || !options.stations.empty()))
-    throw InvalidArgument("usage.recording", forMessage(scans.files.front().native()),
-                          "is a recording, which excludes sensor_at_W, ScanInputOptions::calib, "
-                          "ScanInputOptions::trajectory and ScanInputOptions::stations",
-                          "Use its own poses, or ScanInputOptions::poses with a pose file in TUM format");
-  if (scans.kind == ScanKind::Ptx && (!options.poses.empty() || options.sensor_at_W || !options.trajectory.empty() ||
-                                      !options.stations.empty() || options.ray_W))
-    throw InvalidArgument("usage.ptx", forMessage(scans.files.front().native()),
-                          "has the scanners' poses in itself (PTX), which excludes ScanInputOptions::poses, "
-                          "sensor_at_W, ScanInputOptions::trajectory, "
-                          "ScanInputOptions::stations and ray_W",
-                          "Omit them");
-  if (options.ray_W && recording)
-    throw InvalidArgument("usage.recording", "ray_W", "is for clouds in the world frame, not for recordings",
-                          "Omit it");
-  if (options.level && options.level->from_imu && !recording)
-    throw InvalidArgument("usage.level", "Level::from_imu", "is for recordings (.mcap, .db3, .bag)",
-                          "Use ScanInputOptions::level ROLL,PITCH in degrees");
-  if (options.time_offset_s != 0 && !recording && options.trajectory.empty() && options.poses.empty())
-    throw InvalidArgument("usage.time_offset", "time_offset_s", "is for times that are looked up in poses",
-                          "Add ScanInputOptions::trajectory or ScanInputOptions::poses, or omit it");
-}
-
 }  // namespace
 
 struct ACCESSVDB_PRIVATE ScanSequence::Impl {
@@ -155,7 +82,9 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::optional<RecordingSteps> recording;  ///< instead of both
   std::vector<PoseEntry> track;             ///< of the sensor, if motion within scans is removed
   std::optional<TimeScale> scale;           ///< motion within scans is removed
+  OffsetRange usual_times;                  ///< of scans that are timed right
   std::vector<ScanWarning> warnings;
+  SkippedScans skipped;  ///< on being read
 
   [[nodiscard]] std::size_t size() const {
     return recording ? recording->size() : clouds ? clouds->size() : poses.size();
@@ -204,12 +133,12 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
             "usage.trajectory", "ScanInputOptions::trajectory", "needs a time for each return",
             "Use .las, .laz or .ply in the world frame; for scans in the sensor's frame ScanInputOptions::poses");
       input.read.times = true;
-      input.trajectory = Trajectory::read(options.trajectory, options.sort_poses);
+      input.trajectory = Trajectory::read(options.trajectory, options.sort_poses, options.max_gap_s);
       other_files.push_back(options.trajectory);
       rule =
           "matching: the time of each return gives the sensor's position on the trajectory, interpolated over gaps of "
-          "at "
-          "most 0.2 s, world frame";
+          "at most " +
+          gapInWords(options.max_gap_s) + ", world frame";
     } else if (!options.stations.empty()) {
       other_files.push_back(options.stations);
       input.sensors_W = stations_W;
@@ -241,12 +170,63 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     scan_files = scans.files;
     rule = recording->rule();
     notices.insert(notices.end(), recording->notices().begin(), recording->notices().end());
-    warnings = recording->warnings();
+    warnings.insert(warnings.end(), recording->warnings().begin(), recording->warnings().end());
     if (!options.poses.empty()) other_files.push_back(options.poses);
   }
 
-  void openScans(const ScanFileList& scans) {
-    ScanPoses found = posesForScans(scans, options);
+  static void keepOtherMeasurements(const ScanPoses& found, std::vector<ScanCheck>& checks) {
+    std::map<std::size_t, const MatchedScan*> of_file;
+    for (const MatchedScan& scan : found.match.scans) of_file[scan.scan] = &scan;
+    for (std::size_t i = 0; i < checks.size(); ++i) {
+      if (!checks[i].twin || !of_file.contains(i)) continue;
+      const auto twin = of_file.find(*checks[i].twin);
+      const MatchedScan& scan = *of_file.at(i);
+      const bool again = twin != of_file.end() && isSamePose(scan.T_W_S, twin->second->T_W_S) &&
+                         (!found.stamped || std::abs(scan.stamp_s - twin->second->stamp_s) <= kSameStamp_s);
+      if (!again) checks[i].twin.reset();
+    }
+  }
+
+  /// Leaves out files that are no scans, or are there twice. @return whether there were any
+  bool leaveOut(const std::vector<ScanCheck>& checks, ScanFileList& scans) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < checks.size(); ++i) {
+      if (!checks[i].isUsed()) continue;
+      if (!stations_W.empty()) stations_W[kept] = stations_W[i];
+      scans.files[kept++] = scans.files[i];
+    }
+    if (checks.empty() || kept == checks.size()) return false;
+    scans.files.resize(kept);
+    if (!stations_W.empty()) stations_W.resize(kept);
+    return true;
+  }
+
+  /// Files that are no scans have poses, too, as far as the file of poses knows; copies may not. Where they have
+  /// others, or other times, they are scans of their own: of a sensor without noise.
+  ScanPoses posesOf(ScanFileList& scans, std::vector<ScanCheck>& checks) {
+    if (options.poses.empty()) {
+      (void)leaveOut(checks, scans);
+      return posesForScans(scans, options);
+    }
+    try {
+      ScanPoses found = posesForScans(scans, options);
+      keepOtherMeasurements(found, checks);
+      std::erase_if(found.match.scans,
+                    [&](const MatchedScan& scan) { return !checks.empty() && !checks[scan.scan].isUsed(); });
+      if (!found.match.scans.empty()) return found;
+    } catch (const UnusableInput&) {
+      if (!leaveOut(checks, scans)) throw;
+      return posesForScans(scans, options);
+    }
+    throw UnusableInput("poses.no_match", forMessage(options.poses.native()), "has no pose for a scan that can be read",
+                        "Use poses of this recording");
+  }
+
+  void openScans(ScanFileList scans, std::vector<ScanCheck> checks) {
+    const std::vector<std::filesystem::path> all = scans.files;
+    ScanPoses found = posesOf(scans, checks);
+    warnOfScanFiles(checks, all, warnings);
+    warnings.insert(warnings.end(), found.warnings.begin(), found.warnings.end());
     notices.insert(notices.end(), found.notices.begin(), found.notices.end());
     notices.insert(notices.end(), found.match.notices.begin(), found.match.notices.end());
     other_files = std::move(found.files);
@@ -289,6 +269,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   void chooseTimes() {
     TimedScans timed;
     timed.subject = forMessage(scan_files.front().parent_path().native());
+    timed.max_gap_s = options.max_gap_s;
     timed.scans = poses.size();
     const bool timed_kind = kind == ScanKind::Pcd || kind == ScanKind::Ply;
     timed.posed_by_time = stamped && !track.empty();
@@ -303,12 +284,13 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     }
     timed.covered = [this](const OffsetRange& range) {
       return static_cast<std::size_t>(std::count_if(poses.begin(), poses.end(), [&](const MatchedScan& scan) {
-        return interpolatePose(track, scan.stamp_s + range.first_s) &&
-               interpolatePose(track, scan.stamp_s + range.last_s);
+        return interpolatePose(track, scan.stamp_s + range.first_s, options.max_gap_s) &&
+               interpolatePose(track, scan.stamp_s + range.last_s, options.max_gap_s);
       }));
     };
     const DeskewChoice choice = chooseDeskew(options.deskew, timed);
     scale = choice.scale;
+    usual_times = choice.usual;
     rule += choice.words;
   }
 
@@ -331,8 +313,9 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     }
     const double stamp_s = poses[step].stamp_s;
     const TimedScan scan = {record.points_S, times, *scale, clockStamp_s(step), record.T_W_S, options.exclude_box_S};
-    MovedScan moved = io::removeMotion(
-        scan, [&](std::int64_t ms) { return interpolatePose(track, stamp_s + static_cast<double>(ms) * 1e-3); });
+    MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) {
+      return interpolatePose(track, stamp_s + static_cast<double>(ms) * 1e-3, options.max_gap_s);
+    });
     if (options.deskew != Deskew::On && !coversScan(moved)) return false;
     record.points_S.clear();
     takeMoved(std::move(moved), record);
@@ -360,6 +343,12 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     }
     record.truncated_points = totals.truncated_points;
     addFileNotices(reader->notices(totals));
+    if (scale && times.size() == record.points_S.size() &&
+        !areTimesOf(record.points_S, times, *scale, clockStamp_s(step), usual_times)) {
+      record.points_S.clear();
+      record.skipped = forMessage(path.filename().native(), 64) + " has times that are not those of its scan";
+      return record;
+    }
     if (scale && removeMotion(times, step, record)) return record;
     if (options.exclude_box_S)
       record.excluded_points = leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S);
@@ -395,12 +384,24 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   const bool ray_cloud =
       (single && scans.kind == ScanKind::Ply && options.poses.empty()) || scans.kind == ScanKind::Ptx || options.ray_W;
   checkKind(options, scans);
+  if (options.T_B_S) warnOfFarExtrinsic(options.T_B_S->translation(), "T_B_S", impl->warnings);
+  const bool in_world =
+      !options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W.has_value() || ray_cloud;
+  if (!in_world && !isRecording(scans.kind) && scans.kind != ScanKind::Pcd && options.poses.empty())
+    (void)posesForScans(scans, options);  // there are none, which says more than what the files are like
+  std::vector<ScanCheck> checks;
+  if (!single && !isRecording(scans.kind)) checks = checkScanFiles(scans.files, scans.kind);
   if (isRecording(scans.kind)) {
     impl->openRecording(scans);
-  } else if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {
+  } else if (in_world) {
+    for (std::size_t i = 0; i < checks.size(); ++i)
+      if (checks[i].twin && !impl->stations_W.empty() && impl->stations_W[i] != impl->stations_W[*checks[i].twin])
+        checks[i].twin.reset();
+    warnOfScanFiles(checks, scans.files, impl->warnings);
+    (void)impl->leaveOut(checks, scans);
     impl->openClouds(scans);
   } else {
-    impl->openScans(scans);
+    impl->openScans(scans, std::move(checks));
   }
   impl->notices.push_back(impl->rule);
   for (const auto& file : impl->scan_files) impl->input_bytes += inputFileSize(file);
@@ -415,8 +416,11 @@ std::size_t ScanSequence::size() const { return impl_->size(); }
 
 ScanRecord ScanSequence::read(std::size_t step) {
   impl_->checkStep(step);
-  if (impl_->recording) return impl_->recording->read(step);
-  return impl_->clouds ? impl_->clouds->read(step) : impl_->readScan(step);
+  ScanRecord record = impl_->recording ? impl_->recording->read(step)
+                      : impl_->clouds  ? impl_->clouds->read(step)
+                                       : impl_->readScan(step);
+  if (!record.skipped.empty()) impl_->skipped.add(step, record.skipped, impl_->size());
+  return record;
 }
 
 std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
@@ -442,6 +446,7 @@ std::string ScanSequence::path(std::size_t step) const {
 
 const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }
 const std::vector<ScanWarning>& ScanSequence::warnings() const { return impl_->warnings; }
+std::vector<ScanWarning> ScanSequence::readWarnings() const { return impl_->skipped.warnings(impl_->size()); }
 std::string ScanSequence::matchingRule() const { return impl_->rule; }
 
 std::vector<std::string> ScanSequence::paths() const {

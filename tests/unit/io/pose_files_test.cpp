@@ -137,7 +137,8 @@ TEST(PoseFiles, KeepsOneOfTwoEqualPosesAndSortsWhenAsked) {
   EXPECT_TRUE(anyContains(sorted.notices, "sorted"));
 }
 
-/// A fault planted in a random trajectory is reported with its line, and none otherwise.
+/// A fault planted in a random trajectory is reported with its line, and none otherwise. A pose that
+/// is none costs that pose.
 TEST(PoseFiles, FindsOnePlantedFaultInRandomTrajectories) {
   const TempFolder folder;
   std::mt19937 random(7);
@@ -161,9 +162,53 @@ TEST(PoseFiles, FindsOnePlantedFaultInRandomTrajectories) {
     if (fault == 1) rows[bad] = rows[bad].substr(0, rows[bad].find(' ')) + " nan 0 0 0 0 0 1";
     if (fault == 2) rows[bad] = "1 0 0 0 0 0 0 1";
     if (fault == 3) rows[bad] = rows[bad - 1].substr(0, rows[bad - 1].find(' ')) + " 1000 0 0 0 0 0 1";
+    if (fault == 1) {
+      const PoseFile file = read(folder.write("a.txt", tum(rows)));
+      EXPECT_EQ(file.poses.size(), 19U);
+      EXPECT_EQ(file.written, 20U);
+      ASSERT_EQ(file.warnings.size(), 1U);
+      EXPECT_EQ(file.warnings[0].id, "poses.skipped");
+      EXPECT_NE(file.warnings[0].text.find("line " + std::to_string(bad + 1) + " "), std::string::npos)
+          << file.warnings[0].text;
+      continue;
+    }
     expectError([&] { (void)read(folder.write("a.txt", tum(rows))); }, ErrorCode::Unusable, ids[fault],
                 {(fault == 3 ? "and " : "line ") + std::to_string(bad + 1) + " "});
   }
+}
+
+TEST(PoseFiles, LeaveOutWhatIsNoPoseInEachFormat) {
+  const TempFolder folder;
+  const std::string kitti = "1 0 0 0 0 1 0 0 0 0 1 0", square = kitti + " 0 0 0 1",
+                    balm = "1 0 0 0\n0 1 0 0\n0 0 1 0\n";
+  const std::string zero12 = "0 0 0 0 0 0 0 0 0 0 0 0", nan4 = "nan nan nan nan",
+                    nan12 = nan4 + " " + nan4 + " " + nan4;
+  for (const auto& [good, bad] : {std::pair(std::string("0 0 0 1 0 0 0"), std::string("0 0 0 0 0 0 0")),
+                                  {kitti, zero12},
+                                  {kitti, nan12},
+                                  {square, zero12 + " 0 0 0 0"},
+                                  {square, zero12 + " 0 0 0 1"},
+                                  {square, nan12 + " " + nan4},
+                                  {balm + "0 0 0 1", "0 0 0 0\n0 0 0 0\n0 0 0 0\n0 0 0 0"},
+                                  {balm + "0 0 0 1", nan4 + "\n" + nan4 + "\n" + nan4 + "\n" + nan4}}) {
+    const PoseFile file = read(folder.write("a.txt", tum({good, bad, good})));
+    ASSERT_EQ(file.poses.size(), 2U) << bad;
+    EXPECT_EQ(file.poses[1].index, 2U) << bad;
+    EXPECT_EQ(file.written, 3U);
+    ASSERT_EQ(file.warnings.size(), 1U);
+    EXPECT_EQ(file.warnings[0].id, "poses.skipped");
+  }
+  // What is not a rotation was meant as something else.
+  expectError(
+      [&] {
+        (void)read(folder.write("a.txt", tum({square, kitti + " 0 0 1 0", square})));
+      },
+      ErrorCode::Unusable, "poses.bad_rotation", {"line 2"});
+  expectError(
+      [&] {
+        (void)read(folder.write("a.txt", tum({kitti, "2 0 0 0 0 2 0 0 0 0 2 0", kitti})));
+      },
+      ErrorCode::Unusable, "poses.bad_rotation", {"line 2"});
 }
 
 TEST(PoseFiles, ReadsARealTumTrajectory) {

@@ -9,6 +9,7 @@
 namespace accessvdb::io {
 namespace {
 
+using test::anyContains;
 using test::expectError;
 
 /// Pose i is at (i, 0, 0), turned by 0.1 i about z.
@@ -119,6 +120,62 @@ TEST(PoseMatching, TimesFileGivesTheStampsOfNumberedScans) {
   EXPECT_NE(match.rule.find("times.txt"), std::string::npos);
   const MatchResult named = matchPoses({"a", "b"}, poses, {50.1, 50.2}, "times.txt");
   EXPECT_NEAR(placesOf(named)[1], 2, 1e-9);
+}
+
+TEST(PoseMatching, InsistsWhenAsked) {
+  const std::vector<std::string> stems = {"1000.0", "1000.1", "1000.2"};
+  const PoseFile poses = posesOf(PoseFormat::Tum, 3, 1000, 0.1);
+  EXPECT_NE(matchPoses(stems, poses, {}, "", {.match = Match::Order}).rule.find("in order"), std::string::npos);
+  EXPECT_NE(matchPoses(stems, poses, {}, "", {.match = Match::Name}).rule.find("file number"), std::string::npos);
+  EXPECT_NE(matchPoses(stems, poses, {}, "", {.match = Match::Time}).rule.find("time stamp"), std::string::npos);
+  expectError(
+      [&] {
+        (void)matchPoses({"a", "b", "c"}, poses, {}, "", {.match = Match::Time});
+      },
+      ErrorCode::Unusable, "poses.no_match", {"Match::Time"});
+  expectError(
+      [&] {
+        (void)matchPoses({"a", "b", "c"}, poses, {}, "", {.match = Match::Name});
+      },
+      ErrorCode::Unusable, "poses.no_match", {"Match::Name"});
+  expectError(
+      [&] {
+        (void)matchPoses({"a", "b"}, poses, {}, "", {.match = Match::Order});
+      },
+      ErrorCode::Unusable, "poses.no_match", {"Match::Order"});
+}
+
+TEST(PoseMatching, WholeNumbersAreTimesInTheUnitThatFits) {
+  const PoseFile poses = posesOf(PoseFormat::Tum, 30, 0, 0.1);
+  const MatchResult match = matchPoses({"100000000", "250000000"}, poses, {}, "");
+  EXPECT_NEAR(placesOf(match).at(1), 2.5, 1e-9);
+  EXPECT_NE(match.rule.find("in ns"), std::string::npos) << match.rule;
+  EXPECT_EQ(placesOf(matchPoses({"1", "2"}, poses, {}, "", {.match = Match::Time})), (std::vector<double>{10, 20}));
+}
+
+TEST(PoseMatching, TakesTheNamesOfThePoseFile) {
+  PoseFile poses = posesOf(PoseFormat::Hba, 3);
+  poses.scan_names = {"scans/c.pcd", "scans/b.pcd", "scans/a.pcd"};
+  const MatchResult match = matchPoses({"a", "b", "d"}, poses, {}, "");
+  EXPECT_EQ(placesOf(match), (std::vector<double>{2, 1}));
+  EXPECT_TRUE(anyContains(match.notices, "1 of 3 scans are skipped"));
+  expectError(
+      [&] {
+        (void)matchPoses({"x", "y", "z"}, poses, {}, "");
+      },
+      ErrorCode::Unusable, "poses.no_match", {"scans/c.pcd"});
+  poses.scan_names = {"12", "11", "10"};
+  EXPECT_EQ(placesOf(matchPoses({"000010", "000011", "000012"}, poses, {}, "")), (std::vector<double>{2, 1, 0}));
+}
+
+TEST(PoseMatching, NamesTheGapThatWouldDo) {
+  PoseFile poses = posesOf(PoseFormat::Tum, 11, 1000.0, 0.1);
+  poses.poses.erase(poses.poses.begin() + 3, poses.poses.begin() + 5);  // 0.3 s
+  const std::vector<std::string> stems = {"1000.0", "1000.3", "1000.4", "1000.5"};
+  const MatchResult match = matchPoses(stems, poses, {}, "");
+  EXPECT_TRUE(anyContains(match.notices, "max_gap_s 0.32 for 2 of them")) << match.notices.at(0);
+  EXPECT_EQ(matchPoses(stems, poses, {}, "", {.max_gap_s = 0.32}).scans.size(), 4U);
+  EXPECT_TRUE(interpolatePose(posesOf(PoseFormat::Tum, 3, 1.7e9, 0.2).poses, 1.7e9 + 0.3)) << "5 Hz";
 }
 
 TEST(PoseMatching, FewerPosesThanScansAreRefusedWithBothCounts) {

@@ -193,6 +193,10 @@ void sayAboutScans(const io::ScanSequence& scans, Messages& messages) {
   for (const io::ScanWarning& warning : scans.warnings()) messages.warning(warning.id, warning.text);
 }
 
+void sayAboutReading(const io::ScanSequence& scans, Messages& messages) {
+  for (const io::ScanWarning& warning : scans.readWarnings()) messages.warning(warning.id, warning.text);
+}
+
 void addPictureOptions(FlagParser& flags, PictureOptions& options) {
   flags.option("--view", &options.view, "top, iso, or X,Y,Z towards the viewer");
   flags.option("--colour", &options.colour, "colour of the points: label, or reason (why a point is not accessible)");

@@ -48,6 +48,8 @@ void sayToolNotes(const ToolGeometry& tool, Messages& messages);
 
 /// How scans and poses were read and matched, and what is likely wrong with them.
 void sayAboutScans(const io::ScanSequence& scans, Messages& messages);
+/// What only reading showed, once the scans have been read.
+void sayAboutReading(const io::ScanSequence& scans, Messages& messages);
 
 struct PictureOptions {
   std::string view = "iso", colour = "label";

@@ -2,12 +2,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "options/survey_options.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 
+#include "accessvdb/error.h"
 #include "options/options.h"
+#include "output/error_output.h"
 
 namespace accessvdb::tools {
+namespace {
+
+constexpr std::array<std::pair<const char*, io::Match>, 4> kMatches = {
+    {{"auto", io::Match::Auto}, {"order", io::Match::Order}, {"name", io::Match::Name}, {"time", io::Match::Time}}};
+
+}  // namespace
 
 void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
   flags.option(
@@ -16,6 +25,9 @@ void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
       "frame with a time per return");
   flags.option("--time-offset", &options.time_offset_s,
                "seconds added to the times of clouds or scans before the trajectory or the poses are looked up");
+  addGapOption(flags, options);
+  flags.option("--match", &options.match,
+               "how poses are matched to scans: auto, order, name (numbers in names are those of poses) or time");
   flags.option("--stations", &options.stations,
                "scanner positions, one line 'file x y z' for each cloud in the world frame");
   flags.option("--ray", &options.ray,
@@ -27,9 +39,21 @@ void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
       "las2las -stdout, if installed");
 }
 
+void addGapOption(FlagParser& flags, SurveyOptions& options) {
+  flags.option("--max-gap", &options.max_gap_s,
+               "longest time without poses, in seconds, over which they are interpolated, 0.001 .. 10");
+}
+
 void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& input) {
   input.trajectory = options.trajectory;
   input.time_offset_s = options.time_offset_s;
+  input.max_gap_s = options.max_gap_s;
+  const auto match =
+      std::find_if(kMatches.begin(), kMatches.end(), [&](const auto& one) { return options.match == one.first; });
+  if (match == kMatches.end())
+    throw InvalidArgument("usage.word", "--match", "\"" + printable(options.match) + "\" is not known",
+                          "Use one of auto, order, name, time");
+  input.match = match->second;
   input.stations = options.stations;
   input.laz_command = options.laz_command;
   if (!options.ray.empty()) input.ray_W = parseVector("--ray", options.ray);
@@ -46,6 +70,8 @@ std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const Survey
     const auto end = std::to_chars(text.data(), text.data() + text.size(), options.time_offset_s).ptr;
     given.emplace_back("time_offset", std::string(text.data(), end));
   }
+  if (options.max_gap_s != SurveyOptions().max_gap_s) given.emplace_back("max_gap", numberText(options.max_gap_s));
+  if (options.match != SurveyOptions().match) given.emplace_back("match", options.match);
   if (!options.stations.empty()) given.emplace_back("stations", options.stations);
   if (!options.ray.empty()) given.emplace_back("ray", options.ray);
   if (!options.laz_command.empty()) given.emplace_back("laz_command", options.laz_command);

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The flags for clouds of surveys, which are in the world frame: where the sensor was, and how LAZ is decoded.
+/// The flags for clouds of surveys, which are in the world frame: where the sensor was, and how LAZ is decoded; and how
+/// times and poses are brought together.
 #pragma once
 
 #include <string>
@@ -14,10 +15,13 @@ namespace accessvdb::tools {
 
 struct SurveyOptions {
   std::string trajectory, stations, laz_command, ray;
-  double time_offset_s = 0;
+  double time_offset_s = 0, max_gap_s = 0.2;
+  std::string match = "auto";
 };
 
 void addSurveyOptions(FlagParser& flags, SurveyOptions& options);
+/// --max-gap alone, for poses that arrive.
+void addGapOption(FlagParser& flags, SurveyOptions& options);
 
 /// Copies them into the library's options.
 void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& input);

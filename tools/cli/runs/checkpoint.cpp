@@ -48,7 +48,8 @@ std::map<std::string, std::string> readingOf(const MapOptions& options) {
   for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
   for (const auto& given : givenSensorOptions(options.sensor))
     if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
-  if (!options.survey.ray.empty()) reading["ray"] = options.survey.ray;
+  for (const auto& given : givenSurveyOptions(options.survey))
+    if (given.first == "ray" || given.first == "match" || given.first == "max_gap") reading.insert(given);
   return reading;
 }
 

@@ -32,10 +32,10 @@ constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
                                         "half",      "compression", "up-axis",   "points-format"};
 /// Flags that say what a flight's scans are.
-constexpr const char* kOfAFlight[] = {"scans",     "poses",           "calib",      "pose-format", "sensor-at",
-                                      "every",     "allow-truncated", "sort-poses", "trajectory",  "time-offset",
-                                      "stations",  "laz-command",     "topic",      "pose-topic",  "fixed-frame",
-                                      "extrinsic", "exclude-box",     "level",      "ray"};
+constexpr const char* kOfAFlight[] = {
+    "scans",       "poses",      "calib",       "pose-format", "sensor-at",   "every", "allow-truncated",
+    "sort-poses",  "trajectory", "time-offset", "stations",    "laz-command", "topic", "pose-topic",
+    "fixed-frame", "extrinsic",  "exclude-box", "level",       "ray",         "match", "max-gap"};
 
 constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
 /// Of the process without any map, and of one step of scans.
@@ -172,6 +172,9 @@ PlanSettings planSettings(const FlagParser& flags) {
     const bool* on = std::get_if<bool>(&value);
     std::string text = on != nullptr ? (*on ? "true" : "false") : std::get<std::string>(value);
     if (text.empty() || text == "false") continue;
+    // Later than the first plans, which do not have them.
+    if ((key == "match" && text == "auto") || (key == "max-gap" && text == numberText(SurveyOptions().max_gap_s)))
+      continue;
     std::error_code ignored;
     std::string absolute;
     const std::vector<std::string> values = valuesOf(text);

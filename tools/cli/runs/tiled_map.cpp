@@ -51,6 +51,7 @@ tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence*
       [&](std::uint64_t done, std::uint64_t, const std::string& file) { progress.show(done, file); }};
   tiles::Binned rays = tiles::bin(job, flights, watch);
   progress.finish();
+  for (const io::ScanSequence* scans : flights) sayAboutReading(*scans, messages);
   if (rays.complete) {
     messages.notice("sorted " + std::to_string(rays.points_in) + " returns into " +
                     std::to_string(rays.returns_of.size()) + " tiles in " + secondsInWords(secondsSince(begin)) + ", " +

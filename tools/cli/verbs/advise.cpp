@@ -206,6 +206,7 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
       if (!p_S.isZero(0)) add(record.T_W_S.translation(), record.T_W_S * p_S.cast<double>());
   });
   if (!whole) return 128 + stopSignal();
+  sayAboutReading(scans, messages);
   MemoryPrediction prediction = predictor.prediction();
   prediction.input_bytes = scans.heldBytes();
   proposal.predicted_bytes =

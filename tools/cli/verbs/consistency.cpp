@@ -239,6 +239,7 @@ int compareParts(const std::string& verb, const Arguments& arguments, Messages& 
   const auto result = measureConsistency(scans, tool, params, hooks);
   progress.reset();
   if (!result) return stoppedBeforeResults(messages);
+  sayAboutReading(scans, messages);
   std::string command = "accessvdb " + verb;
   for (const std::string& argument : arguments) command += " " + argument;
   writeJson(fs::path(options.out) / "consistency.json", *result, params, printable(command));

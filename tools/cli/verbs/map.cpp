@@ -327,6 +327,7 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   if (unposed_points_ > 0)
     messages_.notice(std::to_string(unposed_points_) +
                      " returns were left out: there is no pose at the time at which each was measured");
+  sayAboutReading(scans, messages_);
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
                       std::to_string(truncated_points_) + " points announced by the files are missing");

@@ -1,0 +1,132 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "io/scans/scan_checks.h"
+
+#include <algorithm>
+#include <exception>
+#include <map>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "io/clouds/ply_header.h"
+#include "io/streams/byte_source.h"
+#include "io/streams/input_file.h"
+
+namespace accessvdb::io {
+namespace {
+
+/// Smaller files are headers: those of empty scans are all alike.
+constexpr std::uint64_t kLeastTwin_bytes = 1024;
+constexpr std::size_t kBlock = std::size_t{1} << 16;
+constexpr std::size_t kNamesShown = 3;
+
+/// Reads the header, where that is cheap: a decoder of LAZ is not started.
+void checkHeader(const std::filesystem::path& path, ScanKind kind) {
+  if (kind == ScanKind::Pcd) (void)readPcdViewpoint(path);
+  if (kind == ScanKind::Ply) (void)parsePlyHeader(*openFile(path), forMessage(path.native()));
+  if (kind == ScanKind::Las) (void)openLas(path, {.allow_truncated = true});
+}
+
+bool haveSameBytes(const std::filesystem::path& a, const std::filesystem::path& b, std::uint64_t size) {
+  const InputDescriptor one(a), other(b);
+  std::string left(kBlock, '\0'), right(kBlock, '\0');
+  // The middle first: scans of one sensor begin alike.
+  for (std::uint64_t done = 0, at = size / 2; done < size; done += kBlock) {
+    const std::size_t count = static_cast<std::size_t>(std::min<std::uint64_t>(kBlock, size - at));
+    if (one.readAt(at, left.data(), count) != count || other.readAt(at, right.data(), count) != count) return false;
+    if (!std::equal(left.begin(), left.begin() + static_cast<std::ptrdiff_t>(count), right.begin())) return false;
+    at += count;
+    if (at >= size) at = 0;
+  }
+  return true;
+}
+
+/// Bytes from the middle of a file.
+std::string sampleOf(const std::filesystem::path& path, std::uint64_t size) {
+  constexpr std::size_t kSample = 64;
+  std::string sample(kSample, '\0');
+  const InputDescriptor file(path);
+  sample.resize(file.readAt(size / 2, sample.data(), kSample));
+  return sample;
+}
+
+/// Copies have longer names, or later ones: "000003 (1).pcd".
+bool isCopyOf(const std::filesystem::path& copy, const std::filesystem::path& original) {
+  const std::size_t a = copy.filename().native().size(), b = original.filename().native().size();
+  return a != b ? a > b : copy.filename() > original.filename();
+}
+
+void findTwins(const std::vector<std::filesystem::path>& files, const std::vector<std::uint64_t>& sizes,
+               std::vector<ScanCheck>& checks) {
+  std::map<std::uint64_t, std::vector<std::size_t>> of_size;
+  for (std::size_t i = 0; i < files.size(); ++i)
+    if (checks[i].flaw.empty() && sizes[i] >= kLeastTwin_bytes) of_size[sizes[i]].push_back(i);
+  for (auto& [size, same_size] : of_size) {
+    if (same_size.size() < 2) continue;
+    std::map<std::string, std::vector<std::size_t>> of_sample;
+    for (const std::size_t i : same_size) of_sample[sampleOf(files[i], size)].push_back(i);
+    for (auto& [sample, alike] : of_sample) {
+      std::sort(alike.begin(), alike.end(), [&](std::size_t a, std::size_t b) { return isCopyOf(files[b], files[a]); });
+      std::vector<std::size_t> different;
+      for (const std::size_t i : alike) {
+        const auto twin = std::find_if(different.begin(), different.end(), [&, bytes = size](std::size_t other) {
+          return haveSameBytes(files[i], files[other], bytes);
+        });
+        if (twin == different.end()) {
+          different.push_back(i);
+        } else {
+          checks[i].twin = *twin;
+        }
+      }
+    }
+  }
+}
+
+std::string shownName(const std::filesystem::path& file) { return forMessage(file.filename().native(), 64); }
+
+}  // namespace
+
+std::vector<ScanCheck> checkScanFiles(const std::vector<std::filesystem::path>& files, ScanKind kind) {
+  std::vector<ScanCheck> checks(files.size());
+  std::vector<std::uint64_t> sizes;
+  std::size_t flaws = 0;
+  std::exception_ptr first;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    sizes.push_back(inputFileSize(files[i]));
+    try {
+      if (sizes[i] == 0)
+        throw InputError("input.empty", forMessage(files[i].native()), "is empty (0 bytes)", "Copy the file again");
+      checkHeader(files[i], kind);
+    } catch (const InputError& error) {
+      // Others say nothing of the content: a link to Git LFS, permissions.
+      if (error.id() != "input.empty" && error.id() != "input.malformed" && error.id() != "input.truncated") throw;
+      checks[i].flaw = error.problem();
+      if (flaws++ == 0) first = std::current_exception();
+    }
+  }
+  if (2 * flaws > files.size()) std::rethrow_exception(first);
+  findTwins(files, sizes, checks);
+  return checks;
+}
+
+void warnOfScanFiles(const std::vector<ScanCheck>& checks, const std::vector<std::filesystem::path>& files,
+                     std::vector<ScanWarning>& warnings) {
+  std::size_t flaws = 0, twins = 0;
+  std::string flawed, repeated;
+  for (std::size_t i = 0; i < checks.size(); ++i) {
+    if (!checks[i].flaw.empty() && flaws++ < kNamesShown)
+      flawed += (flaws > 1 ? "; " : "") + shownName(files[i]) + " " + checks[i].flaw;
+    if (checks[i].twin && twins++ < kNamesShown)
+      repeated += (twins > 1 ? "; " : "") + shownName(files[i]) + " is " + shownName(files[*checks[i].twin]);
+  }
+  const auto more = [](std::size_t count) { return count > kNamesShown ? "; ..." : ""; };
+  const std::string all = " of " + std::to_string(files.size()) + " scans ";
+  if (flaws > 0)
+    warnings.push_back({"scans.skipped", std::to_string(flaws) + all + "are skipped: " + flawed + more(flaws)});
+  if (twins > 0)
+    warnings.push_back({"scans.repeated", std::to_string(twins) + all +
+                                              "have the same bytes as another one, and count " + "once: " + repeated +
+                                              more(twins)});
+}
+
+}  // namespace accessvdb::io
