@@ -60,6 +60,8 @@ class CloudSteps {
   void checkReader(const CloudTotals& totals, bool all_unit);
   /// @return how many of the part have a position
   std::size_t addTo(TrajectoryCoverage& coverage, const PointCloud& part);
+  /// In metres, for the file that is open. @param given  in the file's units
+  [[nodiscard]] Eigen::Vector3d inMetres(const Eigen::Vector3d& given) const;
   [[nodiscard]] std::optional<Eigen::Vector3d> sensorAt(double stamp_s);
   void append(const PointCloud& part, ScanRecord& record);
 
@@ -67,7 +69,7 @@ class CloudSteps {
   std::vector<Step> steps_;
   std::vector<std::uint64_t> file_bytes_;  ///< [files] when they were first read
   std::vector<std::string> notices_;
-  std::uint64_t truncated_points_ = 0;
+  std::uint64_t truncated_points_ = 0, noise_points_ = 0;
   std::unique_ptr<CloudReader> reader_;  ///< of file_
   std::size_t file_ = 0;
   std::size_t near_ = 0;  ///< see Trajectory::at

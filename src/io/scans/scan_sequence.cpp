@@ -194,7 +194,9 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                             "Use scans in the sensor's frame, or a recording");
     CloudInput input{.files = scans.files,
                      .kind = kind,
-                     .read = {.allow_truncated = options.allow_truncated, .laz_command = laz_command},
+                     .read = {.allow_truncated = options.allow_truncated,
+                              .keep_noise = options.keep_noise,
+                              .laz_command = laz_command},
                      .time_offset_s = options.time_offset_s,
                      .rays_per_step = options.rays_per_step,
                      .every = options.every};
@@ -307,6 +309,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     return io::openCloud(scan_files[step], kind,
                          {.allow_truncated = options.allow_truncated,
                           .point_times = options.deskew != Deskew::Off,
+                          .keep_noise = options.keep_noise,
                           .laz_command = laz_command});
   }
 
@@ -347,6 +350,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       read = part.points.size();
     }
     record.truncated_points = totals.truncated_points;
+    record.noise_points = totals.left_out.all();
+    record.step_m = reader->step_m();
     addFileNotices(reader->notices(totals));
     if (scale && removeMotion(times, step, record)) return record;
     if (options.exclude_box_S)

@@ -15,6 +15,7 @@ namespace accessvdb::tools {
 struct SurveyOptions {
   std::string trajectory, stations, laz_command, ray;
   double time_offset_s = 0;
+  bool keep_noise = false;
 };
 
 void addSurveyOptions(FlagParser& flags, SurveyOptions& options);

@@ -71,6 +71,7 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"sort_poses", "--sort-poses"},
     {"time_offset_s", "--time-offset"},
     {"laz_command", "--laz-command"},
+    {"keep_noise", "--keep-noise"},
     {"pose_topic", "--pose-topic"},
     {"fixed_frame", "--fixed-frame"},
     {"T_B_S", "--extrinsic"},

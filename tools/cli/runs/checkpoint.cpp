@@ -49,6 +49,7 @@ std::map<std::string, std::string> readingOf(const MapOptions& options) {
   for (const auto& given : givenSensorOptions(options.sensor))
     if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
   if (!options.survey.ray.empty()) reading["ray"] = options.survey.ray;
+  if (options.survey.keep_noise) reading["keep_noise"] = "true";
   return reading;
 }
 
