@@ -142,6 +142,13 @@ TEST_F(LasInputs, OtherUnitsAndDegreesAreRefused) {
   refuse({.scale = 1e-7, .z_scale = 1e-7}, degrees, "input.geographic");
 }
 
+TEST_F(LasInputs, UnitsThatCannotBeReadAreWarnedOf) {
+  writeWalk({.format = 6, .global_encoding = 16, .projection = {{2112, "PROJCS[\"cut off"}}}, walkReturns(scans_));
+  const MapOutcome outcome = mapWalk();
+  expectRight(outcome);
+  EXPECT_TRUE(outcome.warns("scans.unit")) << outcome.program.err;
+}
+
 TEST_F(LasInputs, ASmallSceneWithFineStepsIsNotInDegrees) {
   writeWalk({.scale = 1e-7, .z_scale = 1e-7}, walkReturns(scans_));
   const MapOutcome outcome = mapWalk();

@@ -18,7 +18,7 @@ void CloudTotals::add(const PointCloud& part) {
   left_out.noise += part.left_out.noise;
 }
 
-std::string LeftOutPoints::inWords() const {
+std::string NoiseCounts::inWords() const {
   std::string words;
   const auto add = [&](std::uint64_t count, const char* what) {
     if (count != 0) words += (words.empty() ? "" : " and ") + std::to_string(count) + what;

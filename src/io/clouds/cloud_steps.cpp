@@ -92,6 +92,7 @@ void CloudSteps::findSteps() {
 void CloudSteps::checkReader(const CloudTotals& totals, bool all_unit) {
   const std::string subject = forMessage(input_.files[file_].native());
   for (std::string& notice : reader_->notices(totals)) notices_.push_back(std::move(notice));
+  if (!reader_->unitDoubt().empty()) unit_doubts_.push_back(subject + ": " + reader_->unitDoubt());
   if (totals.points == 0 && totals.left_out.all() != 0 && input_.files.size() == 1)
     throw UnusableInput("input.no_points", subject, "has only " + totals.left_out.inWords() + ", which are left out",
                         "Use keep_noise to keep them, or another file");

@@ -62,7 +62,7 @@ void refuseCutHeader(const std::string& subject, std::uint64_t bytes, std::uint6
                    "Copy the file again");
 }
 
-LasHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t> size, const std::string& subject) {
+LasFileHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t> size, const std::string& subject) {
   if (file.substr(0, 4) != "LASF") malformedLas(subject, "is not a LAS file: it does not begin with LASF");
   const auto cut = [&](std::uint64_t needed) { refuseCutHeader(subject, size.value_or(file.size()), needed); };
   if (file.size() < kHeaderBytes) cut(kHeaderBytes);
@@ -73,7 +73,7 @@ LasHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t> siz
                      "Convert it with las2las or pdal translate");
   const std::uint64_t header_bytes = loadScalar<std::uint16_t>(&file[94]);
   const int format = loadScalar<std::uint8_t>(&file[104]);
-  LasHeader header;
+  LasFileHeader header;
   header.format = format;
   header.data_offset = loadScalar<std::uint32_t>(&file[96]);
   header.record_bytes = loadScalar<std::uint16_t>(&file[105]);

@@ -16,7 +16,7 @@ namespace accessvdb::io {
 
 inline constexpr std::uint64_t kLasHeaderBytes14 = 375;  ///< of version 1.4, the longest
 
-struct LasHeader {
+struct LasFileHeader {
   std::uint64_t points = 0, data_offset = 0, record_bytes = 0;
   int format = 0;
   Eigen::Vector3d scale, offset, min, max;  ///< in the file's units
@@ -25,8 +25,8 @@ struct LasHeader {
 /// @param file  the beginning: kLasHeaderBytes14, or all of a shorter input
 /// @param size  bytes of the whole input, if known
 /// @throws InputError
-[[nodiscard]] LasHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t> size,
-                                       const std::string& subject);
+[[nodiscard]] LasFileHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t> size,
+                                           const std::string& subject);
 [[noreturn]] void refuseCutHeader(const std::string& subject, std::uint64_t bytes, std::uint64_t needed);
 
 /// The records of the projection, before the points and, in a file of version 1.4, behind them. A file of LAZ has them

@@ -39,7 +39,7 @@ struct LasPointKind {
 
 /// Longitude and latitude in a file that does not say so: degrees take 1e-7 or less a step, heights do not; and where
 /// they do, a scene of metres is thousands of times as high as it is wide.
-bool looksGeographic(const LasHeader& header) {
+bool looksGeographic(const LasFileHeader& header) {
   const Eigen::Vector3d extent = header.max - header.min;
   const auto within = [&](int axis, double most) { return header.min[axis] >= -most && header.max[axis] <= most; };
   if (!within(0, 180) || !within(1, 90) || !(header.scale.head<2>().maxCoeff() <= 1e-6)) return false;
@@ -91,13 +91,13 @@ class LasReader final : public CloudReader {
   [[nodiscard]] std::uint64_t expectedPoints() const override { return source_->size() ? records_.count - at_ : 0; }
   [[nodiscard]] Eigen::Vector3d unit_m() const override { return units_.metres; }
   [[nodiscard]] double step_m() const override { return header_.scale.maxCoeff(); }
+  [[nodiscard]] std::string unitDoubt() const override { return units_.doubt; }
   [[nodiscard]] std::vector<std::string> notices(const CloudTotals& totals) const override {
     std::vector<std::string> notices;
     if (!units_.words.empty())
       notices.push_back(subject_ + ": coordinates are in " + units_.words +
                         " and are converted to metres; positions of the sensor given for it are taken to be in the "
                         "same unit");
-    if (!units_.doubt.empty()) notices.push_back(subject_ + ": " + units_.doubt);
     if (time_unit_s_.value_or(1) != 1)
       notices.push_back(subject_ + ": times are taken to be in " + inWords(*time_unit_s_));
     if (totals.left_out.all() != 0)
@@ -122,10 +122,10 @@ class LasReader final : public CloudReader {
   void toMetres(const LasProjection& projection) {
     units_ = lasUnits(projection, subject_);
     if (!projection.geo_keys && !projection.wkt && looksGeographic(header_))
-      throw InputError("input.geographic", subject_,
-                       "does not say what its coordinates are, and they look like longitude and latitude in degrees",
-                       "Reproject it into metres, for example pdal translate IN OUT reprojection "
-                       "--filters.reprojection.in_srs=EPSG:4326 --filters.reprojection.out_srs=EPSG:CODE");
+      throw InputError(
+          "input.geographic", subject_,
+          "does not say what its coordinates are, and they look like longitude and latitude in degrees",
+          "Reproject it into metres, for example by pdal translate with filters.reprojection, in_srs EPSG:4326");
     if (units_.words.empty()) return;  // metres: bit for bit as in the file
     for (Eigen::Vector3d* const v : {&header_.scale, &header_.offset, &header_.min, &header_.max})
       *v = v->cwiseProduct(units_.metres);
@@ -158,7 +158,7 @@ class LasReader final : public CloudReader {
   std::unique_ptr<ByteSource> source_;
   std::string subject_;
   ReadOptions options_;
-  LasHeader header_;
+  LasFileHeader header_;
   LasUnits units_;
   BinaryRecords records_;
   std::optional<double> time_unit_s_;  ///< by the first time

@@ -17,8 +17,7 @@
 namespace accessvdb::io {
 namespace {
 
-constexpr const char* kReproject =
-    "Reproject it into metres, for example pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE";
+constexpr const char* kReproject = "Reproject it into metres, for example by pdal translate with filters.reprojection";
 constexpr double kFoot_m = 0.3048, kSurveyFoot_m = 1200.0 / 3937;
 
 struct CodedUnit {
@@ -207,7 +206,7 @@ void collectUnits(const WktNode& node, const std::string& subject, WktUnits& fou
 LasUnits lasUnits(const LasProjection& projection, const std::string& subject) {
   LasUnits units;
   if (projection.cut_off)
-    units.doubt = "its list of records is damaged, and nothing before says the unit: it is taken to be metres";
+    units.doubt = "its list of records is damaged, and none before the damage says the unit: it is taken to be metres";
   const auto ofKeys = [&]() -> std::optional<LasUnits> {
     if (!projection.geo_keys) return std::nullopt;
     const auto keys = geoKeysOf(*projection.geo_keys, projection.geo_doubles.value_or(""));

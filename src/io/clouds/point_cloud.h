@@ -16,7 +16,7 @@
 namespace accessvdb::io {
 
 /// Points of a LAS file that its maker deleted, made up or took for noise; each counts once.
-struct LeftOutPoints {
+struct NoiseCounts {
   std::uint64_t withheld = 0, synthetic = 0, noise = 0;
   [[nodiscard]] std::uint64_t all() const { return withheld + synthetic + noise; }
   /// "12 withheld points and 3 points of the noise classes 7 and 18"
@@ -32,7 +32,7 @@ struct PointCloud {
   std::uint64_t truncated_points = 0;        ///< records announced by the header but missing in the file
   std::uint64_t unbounded_rays = 0;          ///< skipped rays that hit nothing (ray clouds: alpha 0)
   std::uint64_t outside_points = 0;          ///< points outside the header's bounding box (LAS)
-  LeftOutPoints left_out = {};               ///< not among the points
+  NoiseCounts left_out = {};                 ///< not among the points
   std::vector<std::string> notices;
 };
 
@@ -41,7 +41,7 @@ struct ReadOptions {
   bool rays = false;             ///< PLY: nx ny nz are required, and lead back to the sensor
   bool times = false;            ///< a time for each point is required
   bool point_times = false;      ///< PCD, PLY: the time of each point within a scan, if the file has it
-  bool keep_noise = false;       ///< LAS: see LeftOutPoints
+  bool keep_noise = false;       ///< LAS: see NoiseCounts
   std::string laz_command = {};  ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
 };
 
@@ -51,7 +51,7 @@ enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz, Laz, Ptx, Mcap, RosBag, Sqli
 /// Counts over all parts of a cloud.
 struct CloudTotals {
   std::uint64_t points = 0, truncated_points = 0, unbounded_rays = 0, outside_points = 0;
-  LeftOutPoints left_out = {};
+  NoiseCounts left_out = {};
   void add(const PointCloud& part);
 };
 
@@ -84,6 +84,8 @@ class CloudReader {
   [[nodiscard]] virtual Eigen::Vector3d unit_m() const { return {1, 1, 1}; }
   /// Distance of coordinates that are next to each other, where the file says it; 0 where it does not.
   [[nodiscard]] virtual double step_m() const { return 0; }
+  /// What the file says of its units and could not be read, in words; empty if there is nothing.
+  [[nodiscard]] virtual std::string unitDoubt() const { return {}; }
   /// What is to be told about the cloud as a whole. @param totals  over all its parts
   [[nodiscard]] virtual std::vector<std::string> notices(const CloudTotals& totals) const;
 };

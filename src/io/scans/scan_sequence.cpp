@@ -235,6 +235,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     }
     clouds.emplace(std::move(input));
     addFileNotices(clouds->notices());
+    if (const auto& doubts = clouds->unitDoubts(); !doubts.empty())
+      warnings.push_back(
+          {"scans.unit", doubts.front() + (doubts.size() > 1 ? ", and so for others" : "") +
+                             ". Compare the size of the map, or write the file again with its projection"});
     scan_files = scans.files;
   }
 
