@@ -25,6 +25,7 @@ constexpr std::size_t kLeastFloats = 120;     ///< of fewer nothing is concluded
 /// with it.
 double explainedBy(const std::vector<double>& magnitudes, std::size_t width) {
   const std::size_t rows = magnitudes.size() / width;
+  if (rows == 0) return 0;
   const auto count = static_cast<double>(rows * width);
   std::vector<double> mean(width, 0.0);
   double all = 0, spread = 0, between = 0;
@@ -51,6 +52,18 @@ bool looksLikeDoubles(const std::vector<float>& values) {
   return (share(wild[0]) > 0.2 && share(wild[1]) < 0.05) || (share(zero[0]) > 0.99 && share(zero[1]) < 0.6);
 }
 
+/// Without records of zeros only, "no return", which may come in a rhythm of their own.
+std::vector<double> withoutEmpty(const std::vector<double>& magnitudes, std::size_t width, double of_zero) {
+  std::vector<double> kept;
+  for (std::size_t i = 0; i + width <= magnitudes.size(); i += width) {
+    const auto begin = magnitudes.begin() + static_cast<std::ptrdiff_t>(i);
+    const auto end = begin + static_cast<std::ptrdiff_t>(width);
+    if (std::any_of(begin, end, [of_zero](double size) { return size != of_zero; }))
+      kept.insert(kept.end(), begin, end);
+  }
+  return kept;
+}
+
 /// What the records look like if they are not four floats; empty if they may be.
 std::string otherLayout(std::string_view bytes) {
   std::vector<float> values(std::min(bytes.size() / sizeof(float), kLookedFloats));
@@ -62,12 +75,14 @@ std::string otherLayout(std::string_view bytes) {
     magnitudes.push_back(std::isfinite(size) ? std::log(std::clamp(size, 1e-4, 1e4)) : 0.0);
   }
   if (looksLikeDoubles(values)) return "64-bit floats";
-  constexpr double kLeast = 0.2, kTimesAsMuch = 2;
-  const double four = explainedBy(magnitudes, 4);
+  constexpr double kLeast = 0.2, kTimesAsMuch = 1.5;
+  const auto explained = [&](std::size_t width) {
+    return explainedBy(withoutEmpty(magnitudes, width == 8 ? 4 : width, std::log(1e-4)), width);
+  };
   std::size_t best = 4;
-  double most = std::max(kLeast, kTimesAsMuch * four);
+  double most = std::max(kLeast, kTimesAsMuch * explained(4));
   for (const std::size_t width : {3, 5, 6, 7, 8}) {
-    const double share = explainedBy(magnitudes, width);
+    const double share = explained(width);
     // The multiple of a width explains as much as the width itself.
     if (share <= most || (best != 4 && width % best == 0 && share < 1.1 * most)) continue;
     best = width;

@@ -40,6 +40,11 @@ TEST(KittiBinReader, TellsOtherRecordsByTheirValues) {
       const PointCloud cloud = readKittiBin(folder.write("a.bin", plane(points, {scale})), {});
       EXPECT_EQ(cloud.points.size(), static_cast<std::size_t>(points));
     }
+  for (const int each : {2, 3, 5}) {  // one of these is no return
+    std::string bytes = plane(1000, {1.0F / 32});
+    for (std::size_t i = 0; i < bytes.size(); i += 16 * static_cast<std::size_t>(each)) bytes.replace(i, 16, 16, '\0');
+    EXPECT_EQ(readKittiBin(folder.write("a.bin", bytes), {}).points.size(), 1000U) << each;
+  }
   for (const int points : {40, 100, 1000}) {
     for (const auto& [rest, words] : {std::pair(std::vector<float>{}, "3 floats a point (12 bytes)"),
                                       {{8, 1}, "5 floats a point (20 bytes)"},
