@@ -33,6 +33,9 @@ struct Level {
   double roll_rad = 0, pitch_rad = 0;  ///< else: of the frame that the poses are in, turned about y by pitch, then x
 };
 
+/// LAS and LAZ: points that are flagged as withheld or synthetic or are of the noise classes 7 and 18 are left out
+/// unless keep_noise is set. Coordinates in feet are converted to metres, and with them those of `sensor_at_W`,
+/// `trajectory` and `stations`, which are taken to be in the units of the cloud.
 struct ScanInputOptions {
   std::filesystem::path scans = {};  ///< a folder of scans, one file, or a recording
   std::filesystem::path poses = {};  ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
@@ -44,6 +47,7 @@ struct ScanInputOptions {
   std::optional<Eigen::Vector3d> sensor_at_W = {};  ///< one sensor position for one cloud in the world frame
   int every = 1;                                    ///< use every n-th scan
   bool allow_truncated = false;                     ///< keep the complete records of a truncated file
+  bool keep_noise = false;                          ///< LAS: keep withheld and synthetic points and noise, see below
   bool sort_poses = false;                          ///< accept pose files whose stamps run backwards, by sorting them
   std::size_t rays_per_step = 20000;                ///< a cloud in the world frame is read in steps of this many
   /// Where the sensor was at the time of each return of LAS, LAZ or PLY in the world frame: text with time x y z, TUM,
@@ -86,9 +90,11 @@ struct ScanRecord {
   std::vector<Eigen::Vector3d> points_W;
   std::vector<Eigen::Vector3d> origins_W;
   double stamp_s = 0;  ///< 0 where unknown
+  double step_m = 0;   ///< between coordinates that are next to each other, where the file says it (LAS); else 0
   std::string path;
   std::uint64_t truncated_points = 0;  ///< records announced by the header but missing in the file
   std::uint64_t excluded_points = 0;   ///< left out: inside ScanInputOptions::exclude_box_S
+  std::uint64_t noise_points = 0;      ///< left out: see ScanInputOptions::keep_noise
   std::uint64_t unposed_points = 0;    ///< left out: no pose at their time, see Deskew
   bool deskewed = false;               ///< each return has been placed by the pose at its own time
   std::string skipped = {};            ///< why there are no points: the scan cannot be used; empty for all others

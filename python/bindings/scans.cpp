@@ -53,7 +53,8 @@ std::unique_ptr<LockedScans> openScans(
     const py::object& time_offset_s, const std::optional<std::filesystem::path>& stations,
     const std::string& laz_command, const std::string& topic, const std::string& pose_topic,
     const std::string& fixed_frame, const py::object& T_B_S, const py::object& exclude_box_S, const py::object& deskew,
-    const py::object& level, const py::object& ray_W, const py::object& match, const py::object& max_gap_s) {
+    const py::object& level, const py::object& ray_W, const py::object& match, const py::object& max_gap_s,
+    const py::object& keep_noise) {
   io::ScanInputOptions options;
   options.scans = scans;
   if (poses) options.poses = *poses;
@@ -64,6 +65,7 @@ std::unique_ptr<LockedScans> openScans(
   options.every = static_cast<int>(wholeNumberFrom("every", every, 1, kMost));
   options.allow_truncated = boolFrom("allow_truncated", allow_truncated);
   options.sort_poses = boolFrom("sort_poses", sort_poses);
+  options.keep_noise = boolFrom("keep_noise", keep_noise);
   options.rays_per_step = static_cast<std::size_t>(wholeNumberFrom("rays_per_step", rays_per_step, 1, kMost));
   if (trajectory) options.trajectory = *trajectory;
   options.time_offset_s = numberFrom("time_offset_s", time_offset_s);
@@ -127,6 +129,8 @@ void bindRecord(py::module_& module) {
       .def_readonly("path", &R::path)
       .def_readonly("truncated_points", &R::truncated_points)
       .def_readonly("excluded_points", &R::excluded_points)
+      .def_readonly("noise_points", &R::noise_points)
+      .def_readonly("step_m", &R::step_m)
       .def_readonly("unposed_points", &R::unposed_points)
       .def_readonly("deskewed", &R::deskewed)
       .def_readonly("skipped", &R::skipped, "Why there are no points, or an empty text.");
@@ -145,6 +149,7 @@ void bindScans(py::module_& module) {
            py::arg("pose_topic") = "", py::arg("fixed_frame") = "", py::arg("T_B_S") = py::none(),
            py::arg("exclude_box_S") = py::none(), py::arg("deskew") = "auto", py::arg("level") = py::none(),
            py::arg("ray_W") = py::none(), py::arg("match") = "auto", py::arg("max_gap_s") = 0.2,
+           py::arg("keep_noise") = false,
            "scans: a folder of .pcd, .ply, .bin, .las, .laz or .ptx files, one file, or a recording (.mcap, .db3, "
            ".bag). "
            "poses: TUM, KITTI, BALM or HBA. trajectory, stations: where the sensor was, for clouds in the world "
@@ -153,7 +158,7 @@ void bindScans(py::module_& module) {
            "\"imu\" "
            "or (roll, pitch) of the poses' frame in radians. ray_W: from the sensor to every point of a cloud whose "
            "rays are not known. match: auto, order, name or time. max_gap_s: the longest time without poses that is "
-           "interpolated over.")
+           "interpolated over. keep_noise: keep what is withheld, synthetic or noise in LAS.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",

@@ -80,9 +80,9 @@ void readFields(MessageReader& reader, CloudMessage& cloud) {
       best = rank;
       cloud.time = TimeField{offset, *time_type, name};
     }
-    if (name.size() != 1 || name[0] < 'x' || name[0] > 'z') continue;
-    xyz[static_cast<std::size_t>(name[0] - 'x')] = {true, type == kFloat32 || type == kFloat64, type == kFloat64,
-                                                    offset};
+    const std::size_t small = std::string_view("xyz").find(name), capital = std::string_view("XYZ").find(name);
+    if (name.size() != 1 || (small > 2 && (capital > 2 || xyz[capital].found))) continue;
+    xyz[std::min(small, capital)] = {true, type == kFloat32 || type == kFloat64, type == kFloat64, offset};
   }
   for (const Field& field : xyz) {
     if (!field.found)
@@ -96,8 +96,9 @@ void readFields(MessageReader& reader, CloudMessage& cloud) {
   cloud.x = xyz[0].offset, cloud.y = xyz[1].offset, cloud.z = xyz[2].offset;
 }
 
-/// All sums in 64 bits; the factors have 32.
-void checkSizes(const CloudMessage& cloud) {
+/// All sums in 64 bits; the factors have 32. Drivers that leave row_step empty, or fill in the size of all rows, have
+/// rows one behind the other: so they are read, where the data have room for just that.
+void checkSizes(CloudMessage& cloud) {
   if (cloud.points() == 0) return;
   const std::uint64_t scalar = cloud.doubles ? 8 : 4;
   // Points of less than x, y and z would take more memory than the message.
@@ -105,6 +106,8 @@ void checkSizes(const CloudMessage& cloud) {
     throw MessageError("recording.fields", "has fields beyond the end of its points", kAgain);
   const std::uint64_t row = cloud.columns * cloud.point_bytes;
   const std::uint64_t have = cloud.data.size();
+  const bool dense = have / cloud.rows == row && have % cloud.rows == 0;
+  if (dense && (cloud.row_bytes == 0 || cloud.row_bytes == have)) cloud.row_bytes = row;
   if (row > have || (cloud.rows > 1 && (cloud.row_bytes < row || cloud.row_bytes > (have - row) / (cloud.rows - 1))))
     throw MessageError("recording.message",
                        "has " + std::to_string(have) + " bytes of data for " + std::to_string(cloud.columns) + " x " +

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -56,14 +57,28 @@ std::optional<std::uint64_t> wholeNumber(std::string_view word) {
   return value;
 }
 
+/// Whether what follows the announced faces may be another one: three different corners with ordinary coordinates.
+/// Text and zeros, which programs leave there, are not.
+bool looksLikeFace(std::string_view bytes) {
+  std::array<float, 12> values;
+  if (bytes.size() < 50) return false;
+  std::memcpy(values.data(), bytes.data(), sizeof values);
+  const auto ordinary = [](float v) { return v == 0 || (std::abs(v) > 1e-9F && std::abs(v) < 1e7F); };
+  if (!std::all_of(values.begin(), values.end(), ordinary)) return false;
+  return !std::equal(&values[3], &values[6], &values[6]) && !std::equal(&values[6], &values[9], &values[9]) &&
+         !std::equal(&values[3], &values[6], &values[9]);
+}
+
 void checkStl(MeshFile& file, const std::string& subject) {
   const std::string& b = file.bytes;
   std::uint32_t faces = 0;
   if (b.size() >= 84) std::memcpy(&faces, b.data() + 80, 4);
   const std::uint64_t binary_size = 84 + std::uint64_t{50} * faces;
   const std::string start = lowered(std::string_view(b).substr(0, 1024));
-  // Binary files may begin with "solid" too; the size decides.
-  const bool text = start.find("solid") != start.npos && (b.size() < 84 || b.size() != binary_size) &&
+  // Binary files may begin with "solid" and name facets too; the count decides: read as one, four letters announce more
+  // faces than any file has.
+  const bool counted = b.size() >= 84 && binary_size <= kMaxMeshFileBytes;
+  const bool text = !counted && start.find("solid") != start.npos &&
                     (start.find("facet") != start.npos || start.find('\0') == start.npos);
   if (text) {
     const std::string all = lowered(b);
@@ -73,6 +88,7 @@ void checkStl(MeshFile& file, const std::string& subject) {
       malformed(subject, "the STL is truncated: " + std::to_string(begun) + " faces begin and " +
                              std::to_string(*file.expected_faces) + " end");
     }
+    if (b.find("solid") == b.npos) file.bytes = all;  // assimp knows the words in small letters only
     return;
   }
   if (b.size() < 84) malformed(subject, "the file is too short for a binary STL and is not a text STL");
@@ -81,6 +97,13 @@ void checkStl(MeshFile& file, const std::string& subject) {
                            std::to_string((b.size() - 84) / 50));
   }
   file.expected_faces = faces;
+  const std::uint64_t behind = b.size() - binary_size;
+  if (behind == 0) return;
+  if (looksLikeFace(std::string_view(b).substr(binary_size)))
+    malformed(subject, "the STL announces " + std::to_string(faces) + " faces and seems to have " +
+                           std::to_string((b.size() - 84) / 50));
+  file.notes.push_back(std::to_string(behind) + " bytes behind the last face of the STL are ignored");
+  file.bytes.resize(binary_size);  // assimp takes no others
 }
 
 std::uint64_t plyScalarBytes(std::string_view type) {

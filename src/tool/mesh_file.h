@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace accessvdb::internal {
 
@@ -19,6 +20,7 @@ struct MeshFile {
   std::string bytes;
   std::optional<std::uint64_t> expected_faces;  ///< face count announced by the file, if any
   double metres_per_unit = 0;                   ///< 0 = the format has no unit
+  std::vector<std::string> notes;
 };
 
 /// Largest file that is read, and largest side file of a .gltf.

@@ -383,6 +383,7 @@ FileMesh readMeshFile(const std::filesystem::path& path) {
                           "Export the mesh again");
     }
   }
+  mesh.notes = file.notes;
   if (header.dropped_faces > 0) {
     mesh.notes.push_back(std::to_string(header.dropped_faces) + " points and lines of the mesh ignored");
   }

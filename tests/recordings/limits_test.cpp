@@ -18,6 +18,7 @@ struct CloudSizes {
   std::uint32_t x = 0, y = 4, z = 8;
   std::uint32_t announced = 24;  ///< length of the data
   std::size_t bytes = 24;        ///< data that there is
+  const char* names = "xyz";     ///< of the fields, one letter each
 };
 
 /// ROS 1: numbers one behind the other.
@@ -28,8 +29,8 @@ std::string cloudOf(const CloudSizes& sizes) {
   put(message, sizes.height);
   put(message, sizes.width);
   put(message, std::uint32_t{3});
-  for (const auto& [name, offset] : {std::pair("x", sizes.x), {"y", sizes.y}, {"z", sizes.z}}) {
-    message += mcapText(name);
+  for (const auto& [n, offset] : {std::pair(0, sizes.x), {1, sizes.y}, {2, sizes.z}}) {
+    message += mcapText(std::string(1, sizes.names[n]));
     put(message, offset);
     message += '\7';
     put(message, std::uint32_t{1});
@@ -59,6 +60,12 @@ TEST(RecordingLimits, OfSizesOfClouds) {
   EXPECT_EQ(problemOf({.height = 0}), "0 points");
   EXPECT_EQ(problemOf({.height = 2, .width = 1, .row_step = 12}), "2 points");
   EXPECT_EQ(problemOf({.row_step = 0}), "2 points") << "one row needs no step";
+  EXPECT_EQ(problemOf({.height = 2, .width = 1, .row_step = 0}), "2 points") << "an empty step";
+  EXPECT_EQ(problemOf({.height = 2, .width = 1, .row_step = 24}), "2 points") << "the step of the whole message";
+  EXPECT_EQ(problemOf({.height = 2, .width = 1, .row_step = 0, .announced = 28, .bytes = 28}), "recording.message");
+  EXPECT_EQ(problemOf({.names = "XYZ"}), "2 points");
+  EXPECT_EQ(problemOf({.names = "XyZ"}), "2 points");
+  EXPECT_EQ(problemOf({.names = "XYW"}), "recording.fields");
   EXPECT_EQ(problemOf({.width = 3}), "recording.message");
   EXPECT_EQ(problemOf({.height = 2, .width = 1, .row_step = 13}), "recording.message");
   EXPECT_EQ(problemOf({.height = 2, .width = 1, .row_step = 11}), "recording.message");

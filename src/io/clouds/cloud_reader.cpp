@@ -13,6 +13,20 @@ void CloudTotals::add(const PointCloud& part) {
   truncated_points += part.truncated_points;
   unbounded_rays += part.unbounded_rays;
   outside_points += part.outside_points;
+  left_out.withheld += part.left_out.withheld;
+  left_out.synthetic += part.left_out.synthetic;
+  left_out.noise += part.left_out.noise;
+}
+
+std::string NoiseCounts::inWords() const {
+  std::string words;
+  const auto add = [&](std::uint64_t count, const char* what) {
+    if (count != 0) words += (words.empty() ? "" : " and ") + std::to_string(count) + what;
+  };
+  add(withheld, " withheld points");
+  add(synthetic, " synthetic points");
+  add(noise, " points of the noise classes 7 and 18");
+  return words;
 }
 
 std::vector<std::string> CloudReader::notices(const CloudTotals&) const { return {}; }

@@ -92,6 +92,10 @@ void CloudSteps::findSteps() {
 void CloudSteps::checkReader(const CloudTotals& totals, bool all_unit) {
   const std::string subject = forMessage(input_.files[file_].native());
   for (std::string& notice : reader_->notices(totals)) notices_.push_back(std::move(notice));
+  if (!reader_->unitDoubt().empty()) unit_doubts_.push_back(subject + ": " + reader_->unitDoubt());
+  if (totals.points == 0 && totals.left_out.all() != 0 && input_.files.size() == 1)
+    throw UnusableInput("input.no_points", subject, "has only " + totals.left_out.inWords() + ", which are left out",
+                        "Use keep_noise to keep them, or another file");
   if (totals.points == 0) {
     if (input_.files.size() == 1)
       throw UnusableInput("input.no_points", subject, "contains no points", "Use another file");
@@ -105,6 +109,7 @@ void CloudSteps::checkReader(const CloudTotals& totals, bool all_unit) {
     notices_.push_back(subject + ": " + std::to_string(totals.unbounded_rays) +
                        " rays that hit nothing (alpha 0) are skipped");
   truncated_points_ += totals.truncated_points;
+  noise_points_ += totals.left_out.all();
 }
 
 std::size_t CloudSteps::addTo(TrajectoryCoverage& coverage, const PointCloud& part) {
@@ -118,7 +123,15 @@ std::size_t CloudSteps::addTo(TrajectoryCoverage& coverage, const PointCloud& pa
   return used;
 }
 
-std::optional<Eigen::Vector3d> CloudSteps::sensorAt(double stamp_s) { return input_.trajectory->at(stamp_s, near_); }
+Eigen::Vector3d CloudSteps::inMetres(const Eigen::Vector3d& given) const {
+  const Eigen::Vector3d unit_m = reader_->unit_m();
+  return unit_m == Eigen::Vector3d(1, 1, 1) ? given : given.cwiseProduct(unit_m);
+}
+
+std::optional<Eigen::Vector3d> CloudSteps::sensorAt(double stamp_s) {
+  const auto given = input_.trajectory->at(stamp_s, near_);
+  return given ? std::optional(inMetres(*given)) : std::nullopt;
+}
 
 void CloudSteps::append(const PointCloud& part, ScanRecord& record) {
   for (std::size_t i = 0; i < part.points.size(); ++i) {
@@ -151,11 +164,13 @@ ScanRecord CloudSteps::read(std::size_t step) {
   record.path = path(step).string();
   record.stamp_s = wanted.stamp_s.value_or(0);
   record.truncated_points = step == 0 ? truncated_points_ : 0;
+  record.noise_points = step == 0 ? noise_points_ : 0;
+  record.step_m = reader_->step_m();
   record.points_W.reserve(wanted.returns);
   if (input_.read.rays || input_.trajectory || input_.ray_W) {
     record.origins_W.reserve(wanted.returns);
   } else {
-    record.origins_W = {input_.sensors_W[wanted.file]};
+    record.origins_W = {inMetres(input_.sensors_W[wanted.file])};
   }
   for (std::size_t done = 0; done < wanted.returns;) {
     const PointCloud part = reader_->next(std::min(kChunk, wanted.returns - done));

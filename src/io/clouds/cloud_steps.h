@@ -44,6 +44,8 @@ class CloudSteps {
   [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const { return steps_.at(step).stamp_s; }
   [[nodiscard]] const std::filesystem::path& path(std::size_t step) const { return input_.files[steps_.at(step).file]; }
   [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
+  /// Of each file, CloudReader::unitDoubt() with its name.
+  [[nodiscard]] const std::vector<std::string>& unitDoubts() const { return unit_doubts_; }
 
  private:
   struct Step {
@@ -60,14 +62,16 @@ class CloudSteps {
   void checkReader(const CloudTotals& totals, bool all_unit);
   /// @return how many of the part have a position
   std::size_t addTo(TrajectoryCoverage& coverage, const PointCloud& part);
+  /// In metres, for the file that is open. @param given  in the file's units
+  [[nodiscard]] Eigen::Vector3d inMetres(const Eigen::Vector3d& given) const;
   [[nodiscard]] std::optional<Eigen::Vector3d> sensorAt(double stamp_s);
   void append(const PointCloud& part, ScanRecord& record);
 
   CloudInput input_;
   std::vector<Step> steps_;
   std::vector<std::uint64_t> file_bytes_;  ///< [files] when they were first read
-  std::vector<std::string> notices_;
-  std::uint64_t truncated_points_ = 0;
+  std::vector<std::string> notices_, unit_doubts_;
+  std::uint64_t truncated_points_ = 0, noise_points_ = 0;
   std::unique_ptr<CloudReader> reader_;  ///< of file_
   std::size_t file_ = 0;
   std::size_t near_ = 0;  ///< see Trajectory::at

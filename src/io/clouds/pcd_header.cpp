@@ -27,7 +27,8 @@ ScalarType scalarOf(const LineReader& lines, std::string_view type, std::uint64_
       {{"I", 8}, ScalarType::Int64},   {{"U", 8}, ScalarType::Uint64}, {{"F", 4}, ScalarType::Float32},
       {{"F", 8}, ScalarType::Float64},
   };
-  const auto found = kTypes.find({type, size});
+  const char letter = type.size() == 1 ? static_cast<char>(type[0] & ~0x20) : '\0';  // in capitals
+  const auto found = kTypes.find({std::string_view(&letter, 1), size});
   if (found == kTypes.end())
     lines.fail("makes a field of TYPE '" + wordForMessage(type) + "' and SIZE " + std::to_string(size));
   return found->second;
@@ -51,7 +52,8 @@ void layOutRecord(const LineReader& lines, const RawHeader& raw, PcdHeader& head
     field.count = raw.counts.empty() ? 1 : raw.counts[i];
     field.first_value = header.record_values;
     field.offset_bytes = header.record_bytes;
-    if (!(field.count >= 1 && field.count <= kMaxPcdRecordBytes))
+    // Drivers of sensors announce padding of COUNT 0: no value.
+    if (field.count > kMaxPcdRecordBytes)
       lines.fail("ends a header with COUNT " + std::to_string(field.count) + " for field " +
                  wordForMessage(field.name));
     header.record_values += field.count;
@@ -61,10 +63,13 @@ void layOutRecord(const LineReader& lines, const RawHeader& raw, PcdHeader& head
     header.fields.push_back(std::move(field));
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const std::string name(1, "xyz"[axis]);
-    const auto found = std::find_if(header.fields.begin(), header.fields.end(),
-                                    [&](const PcdField& field) { return field.name == name; });
-    if (found == header.fields.end()) lines.fail("ends a header without a field " + name);
+    const std::string small(1, "xyz"[axis]), capital(1, "XYZ"[axis]);
+    auto found = header.fields.end();
+    for (const std::string& name : {small, capital})
+      if (found == header.fields.end())
+        found = std::find_if(header.fields.begin(), header.fields.end(),
+                             [&](const PcdField& field) { return field.name == name && field.count > 0; });
+    if (found == header.fields.end()) lines.fail("ends a header without a field " + small);
     header.xyz[axis] = static_cast<std::size_t>(found - header.fields.begin());
   }
 }
@@ -76,7 +81,9 @@ void countPoints(const LineReader& lines, const RawHeader& raw, PcdHeader& heade
   const bool has_area = width != 0 && height != 0;
   const bool fits = !has_area || width <= UINT64_MAX / height;
   if (!fits || (has_area && raw.points && *raw.points != width * height))
-    lines.fail("ends a header where POINTS is not WIDTH times HEIGHT");
+    lines.fail("ends a header where POINTS " + (raw.points ? std::to_string(*raw.points) : std::string("is missing")) +
+                   " is not WIDTH " + std::to_string(width) + " times HEIGHT " + std::to_string(height),
+               "Correct the header: one of them counts other points than there are");
   if (!raw.points && !raw.width) lines.fail("ends a header without POINTS and WIDTH");
   header.points = raw.points ? *raw.points : width * height;
 }
@@ -92,7 +99,9 @@ PcdHeader parsePcdHeader(std::string_view file, const std::string& subject) {
   while (lines.next(line)) {
     if (isBlankOrComment(line)) continue;
     splitTokens(line, tokens);
-    const std::string_view key = tokens.front();
+    std::string key(tokens.front());
+    for (char& c : key)
+      if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
     const auto single = [&] {
       if (tokens.size() != 2) lines.fail("needs one value after " + wordForMessage(key));
       return tokens[1];
@@ -124,7 +133,7 @@ PcdHeader parsePcdHeader(std::string_view file, const std::string& subject) {
       for (std::size_t i = 0; i < 7; ++i)
         if (!parseNumber(tokens[i + 1], (*header.viewpoint)[i])) lines.fail("has a VIEWPOINT that is not all numbers");
     } else if (key == "DATA") {
-      const std::string_view kind = single();
+      const std::string kind = inLowerCase(single());
       if (kind == "ascii") {
         header.data = PcdHeader::Data::Ascii;
       } else if (kind == "binary") {
@@ -140,7 +149,7 @@ PcdHeader parsePcdHeader(std::string_view file, const std::string& subject) {
       header.data_offset = lines.offset();
       return header;
     } else {
-      lines.fail("begins with '" + wordForMessage(key) + "', which is not part of a PCD header",
+      lines.fail("begins with '" + wordForMessage(tokens.front()) + "', which is not part of a PCD header",
                  "Check that this is a PCD file and not text or a link to the data");
     }
   }

@@ -78,7 +78,7 @@ class TextPcdReader final : public PcdReader {
     do {
       if (record_ == header_.points || !lines_.next(line)) return false;
     } while (isBlankOrComment(line));
-    splitTokens(line, tokens_);
+    lines_.splitNumbers(line, tokens_);
     // A truncated file's last line may end inside a number; for the last announced record this cannot be detected.
     const bool last_record = record_ + 1 == header_.points;
     if (!lines_.terminated() && (!last_record || tokens_.size() < header_.record_values)) return false;

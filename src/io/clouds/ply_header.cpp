@@ -51,13 +51,13 @@ void checkVertex(const LineReader& lines, PlyHeader& header) {
   if (found == header.elements.end()) lines.fail("ends a header without an element vertex");
   header.vertex = static_cast<std::size_t>(found - header.elements.begin());
   for (const char* axis : {"x", "y", "z"})
-    if (!found->find(axis)) lines.fail(std::string("ends a header whose vertices have no property ") + axis);
+    if (!found->findAlike(axis)) lines.fail(std::string("ends a header whose vertices have no property ") + axis);
 }
 
 PlyHeader parseLines(LineReader lines) {
   std::string_view line;
   std::vector<std::string_view> tokens;
-  if (!lines.next(line) || line != "ply")
+  if (!lines.next(line) || inLowerCase(line) != "ply")
     throw InputError("input.malformed", lines.subject(), "is not a PLY file: the first line is not 'ply'",
                      "Check the file");
   PlyHeader header;
@@ -109,6 +109,16 @@ std::uint64_t PlyElement::recordBytes() const {
 std::optional<std::size_t> PlyElement::find(std::string_view property) const {
   for (std::size_t i = 0; i < properties.size(); ++i)
     if (properties[i].name == property && !properties[i].list_length_type) return i;
+  return std::nullopt;
+}
+
+std::optional<std::size_t> PlyElement::findAlike(std::string_view property) const {
+  if (const auto same = find(property)) return same;
+  const std::string wanted = inLowerCase(property);
+  for (std::size_t i = 0; i < properties.size(); ++i) {
+    const std::string there = inLowerCase(properties[i].name);
+    if ((there == wanted || there == "scalar_" + wanted) && !properties[i].list_length_type) return i;
+  }
   return std::nullopt;
 }
 

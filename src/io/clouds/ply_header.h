@@ -28,6 +28,9 @@ struct PlyElement {
   [[nodiscard]] bool hasLists() const;
   [[nodiscard]] std::uint64_t recordBytes() const;  ///< without lists
   [[nodiscard]] std::optional<std::size_t> find(std::string_view property) const;
+  /// Where there is none of that name, the one that has it in capitals or behind "scalar_", as CloudCompare writes
+  /// them.
+  [[nodiscard]] std::optional<std::size_t> findAlike(std::string_view property) const;
 };
 
 struct PlyHeader {

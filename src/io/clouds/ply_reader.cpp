@@ -3,6 +3,7 @@
 /// PLY point clouds, text and binary in both byte orders; also ray clouds, whose nx ny nz lead from the point back to
 /// the sensor (CSIRO raycloudtools: start = point + normal; alpha 0 marks a ray that met nothing).
 #include <array>
+#include <cmath>
 #include <limits>
 
 #include "accessvdb/error.h"
@@ -10,6 +11,7 @@
 #include "io/clouds/binary_records.h"
 #include "io/clouds/ply_header.h"
 #include "io/clouds/point_cloud.h"
+#include "io/clouds/point_times.h"
 #include "io/streams/input_file.h"
 #include "io/streams/text_lines.h"
 
@@ -35,7 +37,8 @@ struct VertexColumns {
   std::array<std::optional<std::size_t>, 8> property;
 
   VertexColumns(const PlyElement& vertex, const std::string& subject, const ReadOptions& options) {
-    for (std::size_t i = 0; i < (options.rays ? kNames.size() : 3); ++i) property[i] = vertex.find(kNames[i]);
+    for (std::size_t i = 0; i < (options.rays ? kTime : 3); ++i) property[i] = vertex.findAlike(kNames[i]);
+    for (std::size_t i = kTime; options.rays && i < kNames.size(); ++i) property[i] = vertex.find(kNames[i]);
     if (options.rays && !(property[3] && property[4] && property[5]))
       throw InputError("input.no_rays", subject, "is not a ray cloud: its points have no nx ny nz back to the sensor",
                        "Provide poses, or a single sensor position with sensor_at_W X,Y,Z");
@@ -45,7 +48,7 @@ struct VertexColumns {
           property[kTime] = vertex.find(name);
     if (!options.times) return;
     for (const char* const name : kTimeNames)
-      if (!property[kTime]) property[kTime] = vertex.find(name);
+      if (!property[kTime]) property[kTime] = vertex.findAlike(name);
     if (!property[kTime])
       throw UnusableInput("input.no_times", subject, "has no time for each point: none of its properties is named time",
                           "Export it with times, as a property 'time' of type double");
@@ -76,21 +79,28 @@ class PlyCloudReader : public CloudReader {
     const auto& time = columns_.property[VertexColumns::kTime];
     return options_.point_times && time ? vertex().properties[*time].name : std::string();
   }
+  [[nodiscard]] std::vector<std::string> notices(const CloudTotals&) const override {
+    if (time_unit_s_.value_or(1) == 1) return {};
+    return {subject_ + ": times are taken to be in " + inWords(*time_unit_s_)};
+  }
 
  protected:
   using Values = std::array<double, 8>;  ///< of one vertex, in the order of VertexColumns::kNames
 
   [[nodiscard]] const PlyElement& vertex() const { return header_.elements[header_.vertex]; }
 
-  void addVertex(const Values& value, PointCloud& part) const {
+  void addVertex(const Values& value, PointCloud& part) {
     if (columns_.property[VertexColumns::kAlpha] && value[VertexColumns::kAlpha] == 0) {
       ++part.unbounded_rays;
       return;
     }
     part.points.emplace_back(value[0], value[1], value[2]);
     if (options_.rays) part.ray_vectors.emplace_back(value[3], value[4], value[5]);
-    if (columns_.property[VertexColumns::kTime])
-      (options_.point_times ? part.times : part.stamps_s).push_back(value[VertexColumns::kTime]);
+    if (!columns_.property[VertexColumns::kTime]) return;
+    const double time = value[VertexColumns::kTime];
+    if (options_.point_times) return part.times.push_back(time);
+    if (!time_unit_s_ && std::isfinite(time) && time != 0) time_unit_s_ = unitOfDate_s(time);
+    part.stamps_s.push_back(time_unit_s_.value_or(1) == 1 ? time : time * *time_unit_s_);
   }
   /// The end after all vertices, or after those that there are.
   void finish(PointCloud& part) {
@@ -104,6 +114,7 @@ class PlyCloudReader : public CloudReader {
   ReadOptions options_;
   VertexColumns columns_;
   std::uint64_t byte_ = 0, record_ = 0;  ///< where the next vertex is, and its index
+  std::optional<double> time_unit_s_;    ///< of dates, by the first one
 };
 
 /// Moves over one record that has lists, within bounds. @param value  one per property, 0 for lists; may be null
@@ -260,7 +271,7 @@ class TextPlyReader final : public PlyCloudReader {
     const std::size_t width = vertex().properties.size();
     bool complete = nextLine();
     if (complete) {
-      splitTokens(line_, tokens_);
+      lines_.splitNumbers(line_, tokens_);
       complete = lines_.terminated() || (record_ + 1 == vertex().count && tokens_.size() >= width);
     }
     if (!complete) {

@@ -15,8 +15,16 @@
 
 namespace accessvdb::io {
 
+/// Points of a LAS file that its maker deleted, made up or took for noise; each counts once.
+struct NoiseCounts {
+  std::uint64_t withheld = 0, synthetic = 0, noise = 0;
+  [[nodiscard]] std::uint64_t all() const { return withheld + synthetic + noise; }
+  /// "12 withheld points and 3 points of the noise classes 7 and 18"
+  [[nodiscard]] std::string inWords() const;
+};
+
 struct PointCloud {
-  std::vector<Eigen::Vector3d> points;       ///< frame and units of the file
+  std::vector<Eigen::Vector3d> points;       ///< frame of the file; of LAS in metres, else in the file's units
   std::vector<Eigen::Vector3d> ray_vectors;  ///< [n] sensor minus point, only with ReadOptions::rays
   std::vector<Eigen::Vector3d> sensors;      ///< [n] PTX: where the scanner of each point was
   std::vector<double> stamps_s;              ///< [n] only with ReadOptions::rays or times, if the file has them
@@ -24,6 +32,7 @@ struct PointCloud {
   std::uint64_t truncated_points = 0;        ///< records announced by the header but missing in the file
   std::uint64_t unbounded_rays = 0;          ///< skipped rays that hit nothing (ray clouds: alpha 0)
   std::uint64_t outside_points = 0;          ///< points outside the header's bounding box (LAS)
+  NoiseCounts left_out = {};                 ///< not among the points
   std::vector<std::string> notices;
 };
 
@@ -32,6 +41,7 @@ struct ReadOptions {
   bool rays = false;             ///< PLY: nx ny nz are required, and lead back to the sensor
   bool times = false;            ///< a time for each point is required
   bool point_times = false;      ///< PCD, PLY: the time of each point within a scan, if the file has it
+  bool keep_noise = false;       ///< LAS: see NoiseCounts
   std::string laz_command = {};  ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
 };
 
@@ -41,6 +51,7 @@ enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz, Laz, Ptx, Mcap, RosBag, Sqli
 /// Counts over all parts of a cloud.
 struct CloudTotals {
   std::uint64_t points = 0, truncated_points = 0, unbounded_rays = 0, outside_points = 0;
+  NoiseCounts left_out = {};
   void add(const PointCloud& part);
 };
 
@@ -69,6 +80,12 @@ class CloudReader {
   [[nodiscard]] virtual std::uint64_t heldBytes() const { return 0; }
   /// The field with the time of each point, with ReadOptions::point_times; empty if there is none.
   [[nodiscard]] virtual std::string timeField() const { return {}; }
+  /// Metres in one unit of the file's x, y and z; what else is given in the cloud's frame has the same units.
+  [[nodiscard]] virtual Eigen::Vector3d unit_m() const { return {1, 1, 1}; }
+  /// Distance of coordinates that are next to each other, where the file says it; 0 where it does not.
+  [[nodiscard]] virtual double step_m() const { return 0; }
+  /// What the file says of its units and could not be read, in words; empty if there is nothing.
+  [[nodiscard]] virtual std::string unitDoubt() const { return {}; }
   /// What is to be told about the cloud as a whole. @param totals  over all its parts
   [[nodiscard]] virtual std::vector<std::string> notices(const CloudTotals& totals) const;
 };

@@ -55,6 +55,18 @@ std::optional<TimeScale> timeScaleOf(std::span<const TimeSpan> scans) {
   return std::nullopt;
 }
 
+double unitOfDate_s(double time) {
+  constexpr double kFirst_s = 0.9e9, kLast_s = 4e9;  // 2008 by GPS, 2096 by Unix
+  for (const double unit_s : {1e-9, 1e-6, 1e-3})
+    if (time * unit_s >= kFirst_s && time * unit_s <= kLast_s) return unit_s;
+  // Adjusted standard GPS time is 1e9 s less: from 1.5e8 s on.
+  return time * 1e-9 >= 1e8 ? 1e-9 : 1;
+}
+
+std::string inWords(double unit_s) {
+  return unit_s == 1e-9 ? "nanoseconds" : unit_s == 1e-6 ? "microseconds" : unit_s == 1e-3 ? "milliseconds" : "seconds";
+}
+
 OffsetRange offsetRange(std::span<const TimeSpan> scans, const TimeScale& scale) {
   OffsetRange range;
   bool first = true;

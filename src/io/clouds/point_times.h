@@ -58,6 +58,12 @@ template <typename Point>
 /// @return nothing where times do not differ within a scan, or are on another clock
 [[nodiscard]] std::optional<TimeScale> timeScaleOf(std::span<const TimeSpan> scans);
 
+/// The unit of a time that is a date, by its size: 1.7e18 is in nanoseconds, 1.7e15 in microseconds, 1.7e12 in
+/// milliseconds, since 1970 or since 1980. All else, such as seconds of a week, is in seconds.
+[[nodiscard]] double unitOfDate_s(double time);
+/// "nanoseconds"
+[[nodiscard]] std::string inWords(double unit_s);
+
 /// Offsets from the stamps of those of these scans that fit: the earliest and the latest.
 struct OffsetRange {
   double first_s = 0, last_s = 0;

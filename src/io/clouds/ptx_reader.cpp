@@ -104,7 +104,7 @@ class PtxReader final : public CloudReader {
     if (!lines_.next(line))
       throw InputError("input.truncated", lines_.subject(),
                        "ends within the header of a station, before " + std::string(what), "Copy the file again");
-    splitTokens(line, tokens_);
+    lines_.splitNumbers(line, tokens_);
   }
   [[nodiscard]] std::uint64_t size() const {
     std::uint64_t value = 0;
@@ -129,7 +129,7 @@ class PtxReader final : public CloudReader {
   bool readPoint(PointCloud& part) {
     std::string_view line;
     const bool there = lines_.next(line);
-    if (there) splitTokens(line, tokens_);
+    if (there) lines_.splitNumbers(line, tokens_);
     // The last line of a file that was cut off may end inside a number.
     if (!there || (!lines_.terminated() && (left_ > 1 || tokens_.size() < 4))) {
       if (allow_truncated_) return false;

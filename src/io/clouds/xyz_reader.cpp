@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Plain text clouds: x y z at the beginning of each line; what follows on the line is ignored.
+/// Text with x y z in each line, and more columns that are not used: .xyz, .pts and .asc.
 #include "accessvdb/error.h"
 #include "io/clouds/point_cloud.h"
 #include "io/streams/input_file.h"
-#include "io/streams/text_lines.h"
+#include "io/streams/point_lines.h"
 
 namespace accessvdb::io {
 namespace {
@@ -14,47 +14,48 @@ class XyzReader final : public CloudReader {
   XyzReader(const std::filesystem::path& path, const ReadOptions& options)
       : source_(openFile(path)),
         lines_(*source_, 0, forMessage(path.native())),
+        points_(lines_),
         allow_truncated_(options.allow_truncated) {}
 
   PointCloud next(std::size_t count) override {
     PointCloud part;
-    std::string_view line;
+    Eigen::Vector3d point;
     while (part.points.size() < count) {
-      if (!lines_.next(line)) {
-        source_->checkAtEnd();
+      if (!points_.next(point)) {
+        finish(part);
         break;
       }
-      if (isBlankOrComment(line)) continue;
-      splitTokens(line, tokens_);
-      if (tokens_.size() < 3 && !lines_.terminated() && points_ != 0) {
-        if (!allow_truncated_)
-          throw InputError("input.truncated", lines_.subject(),
-                           "the last line (" + std::to_string(lines_.number()) + ") is incomplete",
-                           "Use allow_truncated to keep " + std::to_string(points_) + " points");
-        part.truncated_points = 1;
-        break;
-      }
-      Eigen::Vector3d point;
-      bool numbers = tokens_.size() >= 3;
-      for (int axis = 0; numbers && axis < 3; ++axis) numbers = parseNumber(tokens_[axis], point[axis]);
-      if (!numbers) lines_.fail("does not begin with three numbers");
       part.points.push_back(point);
-      ++points_;
     }
     return part;
   }
-  [[nodiscard]] Place place() const override { return {lines_.offset(), points_, lines_.number()}; }
-  void seek(const Place& place) override {
-    lines_.seek(place.byte, place.line);
-    points_ = place.record;
+  [[nodiscard]] Place place() const override {
+    const PointLines::Place at = points_.place();
+    return {at.byte, at.points, at.line, at.announced};
+  }
+  void seek(const Place& place) override { points_.seek({place.byte, place.line, place.record, place.section}); }
+  [[nodiscard]] std::vector<std::string> notices(const CloudTotals&) const override {
+    if (points_.heading().empty()) return {};
+    return {lines_.subject() + ": " + points_.heading()};
   }
 
  private:
+  void finish(PointCloud& part) {
+    if (!points_.cutOff()) source_->checkAtEnd();
+    const std::uint64_t announced = points_.announced().value_or(points_.points());
+    part.truncated_points = std::max<std::uint64_t>(announced - points_.points(), points_.cutOff() ? 1 : 0);
+    if (part.truncated_points == 0 || allow_truncated_) return;
+    throw InputError("input.truncated", lines_.subject(),
+                     points_.cutOff() ? "the last line (" + std::to_string(lines_.number()) + ") is incomplete"
+                                      : "announces " + std::to_string(announced) + " points and has " +
+                                            std::to_string(points_.points()),
+                     "Use allow_truncated to keep " + std::to_string(points_.points()) + " points");
+  }
+
   std::unique_ptr<ByteSource> source_;
   LineReader lines_;
-  std::vector<std::string_view> tokens_;
+  PointLines points_;
   bool allow_truncated_;
-  std::uint64_t points_ = 0;
 };
 
 }  // namespace

@@ -15,7 +15,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kKnownKinds =
-    "Supported are .pcd, .ply, .bin (KITTI), .las, .laz, .ptx, .xyz for one cloud, and the recordings .mcap, .db3 and "
+    "Supported are .pcd, .ply, .bin (KITTI), .las, .laz, .ptx, .xyz, .pts, .asc (text) for one cloud, and the "
+    "recordings .mcap, .db3 and "
     ".bag";
 
 std::string lowerExtension(const fs::path& path) {
@@ -32,12 +33,25 @@ std::optional<ScanKind> kindOf(const fs::path& path) {
   if (extension == ".bin") return ScanKind::KittiBin;
   if (extension == ".las") return ScanKind::Las;
   if (extension == ".laz") return ScanKind::Laz;
-  if (extension == ".xyz") return ScanKind::Xyz;
+  if (extension == ".xyz" || extension == ".pts" || extension == ".asc") return ScanKind::Xyz;
   if (extension == ".ptx") return ScanKind::Ptx;
   if (extension == ".mcap") return ScanKind::Mcap;
   if (extension == ".bag") return ScanKind::RosBag;
   if (extension == ".db3") return ScanKind::Sqlite;
   return std::nullopt;
+}
+
+/// @throws InputError for a scan or recording that was packed as a whole, as ros2 bag does with --compression-mode file
+void refusePacked(const fs::path& path) {
+  const std::string extension = lowerExtension(path);
+  constexpr std::pair<const char*, const char*> kUnpackers[] = {
+      {".zstd", "zstd -d"}, {".zst", "zstd -d"}, {".gz", "gzip -dk"}, {".bz2", "bzip2 -dk"},
+      {".xz", "xz -dk"},    {".lz4", "lz4 -d"},  {".zip", "unzip"},   {".7z", "7z x"}};
+  for (const auto& [ending, unpacker] : kUnpackers)
+    if (extension == ending)
+      throw InputError("input.compressed", forMessage(path.native()),
+                       std::string("is compressed as a whole (") + (ending + 1) + ")",
+                       std::string("Unpack it: ") + unpacker + " " + forMessage(path.native()));
 }
 
 std::vector<fs::path> entriesOf(const fs::path& folder) {
@@ -91,6 +105,9 @@ ScanFileList scansInSubfolder(const fs::path& folder) {
     if (entry.filename() == "velodyne") break;
   }
   const std::string subject = forMessage(folder.native());
+  if (found.empty())
+    for (const fs::path& entry : entries)
+      if (kindOf(entry.stem())) refusePacked(entry);
   if (found.empty()) throw InputError("input.no_scans", subject, "contains no scans", kKnownKinds);
   if (found.size() > 1)
     throw InputError("input.no_scans", subject,
@@ -149,6 +166,7 @@ std::vector<fs::path> scanFilesIn(const fs::path& folder, ScanKind kind) {
 ScanFileList listScanFile(const fs::path& path) {
   (void)inputFileSize(path);
   const std::optional<ScanKind> kind = kindOf(path);
+  if (!kind) refusePacked(path);
   if (!kind)
     throw InputError("input.unsupported", forMessage(path.native()), "is not a scan file of a known kind", kKnownKinds);
   ScanFileList list;

@@ -123,7 +123,9 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                             "Use scans in the sensor's frame, or a recording");
     CloudInput input{.files = scans.files,
                      .kind = kind,
-                     .read = {.allow_truncated = options.allow_truncated, .laz_command = laz_command},
+                     .read = {.allow_truncated = options.allow_truncated,
+                              .keep_noise = options.keep_noise,
+                              .laz_command = laz_command},
                      .time_offset_s = options.time_offset_s,
                      .rays_per_step = options.rays_per_step,
                      .every = options.every};
@@ -162,6 +164,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     }
     clouds.emplace(std::move(input));
     addFileNotices(clouds->notices());
+    if (const auto& doubts = clouds->unitDoubts(); !doubts.empty())
+      warnings.push_back(
+          {"scans.unit", doubts.front() + (doubts.size() > 1 ? ", and so for others" : "") +
+                             ". Compare the size of the map, or write the file again with its projection"});
     scan_files = scans.files;
   }
 
@@ -301,6 +307,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     return io::openCloud(scan_files[step], kind,
                          {.allow_truncated = options.allow_truncated,
                           .point_times = options.deskew != Deskew::Off,
+                          .keep_noise = options.keep_noise,
                           .laz_command = laz_command});
   }
 
@@ -342,6 +349,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       read = part.points.size();
     }
     record.truncated_points = totals.truncated_points;
+    record.noise_points = totals.left_out.all();
+    record.step_m = reader->step_m();
     addFileNotices(reader->notices(totals));
     if (scale && times.size() == record.points_S.size() &&
         !areTimesOf(record.points_S, times, *scale, clockStamp_s(step), usual_times)) {

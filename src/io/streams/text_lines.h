@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Text input without a locale: lines (LF or CRLF, byte order mark, length cap) and numbers (std::from_chars).
+/// Text input without a locale: lines (LF or CRLF, byte order mark, length cap) and numbers (std::from_chars). UTF-16
+/// and UTF-32 are refused by name.
 #pragma once
 
 #include <cstddef>
@@ -18,7 +19,7 @@ inline constexpr std::size_t kMaxLineBytes = std::size_t{1} << 16;
 /// Walks over the lines of a text that it does not own.
 class LineReader {
  public:
-  /// @param subject  the file's name for messages
+  /// @param subject  the file's name for messages @throws InputError "input.encoding"
   LineReader(std::string_view text, std::string subject);
   /// The lines of a source from a byte on; a line is valid until the next one is read.
   LineReader(ByteSource& source, std::uint64_t begin, std::string subject);
@@ -35,6 +36,8 @@ class LineReader {
   [[nodiscard]] const std::string& subject() const { return subject_; }
   /// @throws InputError "input.malformed" naming the last line
   [[noreturn]] void fail(const std::string& problem, const std::string& advice = "Check the file") const;
+  /// splitTokens of a line of numbers. @throws InputError "input.decimal_comma" naming the line
+  void splitNumbers(std::string_view line, std::vector<std::string_view>& tokens) const;
 
  private:
   std::string_view text_;
@@ -47,9 +50,14 @@ class LineReader {
 
 /// Splits at blanks, tabs, commas and semicolons.
 void splitTokens(std::string_view line, std::vector<std::string_view>& tokens);
-/// Parses the whole token as a number; nan and inf are numbers, 1e999 is inf, hexadecimal is not a number.
+/// Parses the whole token as a number; nan and inf are numbers in the spellings of all C libraries ("-nan(ind)",
+/// "1.#QNAN"), 1e999 is inf, hexadecimal is not a number.
 [[nodiscard]] bool parseNumber(std::string_view token, double& value);
 [[nodiscard]] bool parseCount(std::string_view token, std::uint64_t& value);
+/// Whether the numbers of a line have decimal commas: "2,6 0,1 3" or "2,60,0,05", but not "2,0,3" or "2,3 4".
+[[nodiscard]] bool hasDecimalCommas(std::string_view line);
+/// The text with A to Z in lower case.
+[[nodiscard]] std::string inLowerCase(std::string_view text);
 /// Whether a line is blank, or a comment beginning with #.
 [[nodiscard]] bool isBlankOrComment(std::string_view line);
 

@@ -22,6 +22,42 @@ TEST(KittiBinReader, ReadsFourFloatsAPoint) {
   EXPECT_EQ(cloud.points[2], Eigen::Vector3d(2, 2.25, 2.5));
 }
 
+/// Returns of a plane that is seen from above.
+std::string plane(int points, const std::vector<float>& rest) {
+  std::string bytes;
+  for (int i = 0; i < points; ++i) {
+    for (const float value : {3.0F + 0.01F * static_cast<float>(i % 17), 0.1F * static_cast<float>(i % 31 - 15), -1.7F})
+      test::put(bytes, value);
+    for (const float scale : rest) test::put(bytes, scale * static_cast<float>(i * 7 % 32));
+  }
+  return bytes;
+}
+
+TEST(KittiBinReader, TellsOtherRecordsByTheirValues) {
+  const test::TempFolder folder;
+  for (const int points : {1, 2, 4, 5, 10, 20, 30, 40, 100, 1000})
+    for (const float scale : {0.0F, 1.0F / 32, 1.0F, 8.0F}) {
+      const PointCloud cloud = readKittiBin(folder.write("a.bin", plane(points, {scale})), {});
+      EXPECT_EQ(cloud.points.size(), static_cast<std::size_t>(points));
+    }
+  for (const int each : {2, 3, 5}) {  // one of these is no return
+    std::string bytes = plane(1000, {1.0F / 32});
+    for (std::size_t i = 0; i < bytes.size(); i += 16 * static_cast<std::size_t>(each)) bytes.replace(i, 16, 16, '\0');
+    EXPECT_EQ(readKittiBin(folder.write("a.bin", bytes), {}).points.size(), 1000U) << each;
+  }
+  for (const int points : {40, 100, 1000}) {
+    for (const auto& [rest, words] : {std::pair(std::vector<float>{}, "3 floats a point (12 bytes)"),
+                                      {{8, 1}, "5 floats a point (20 bytes)"},
+                                      {{0, 1}, "5 floats a point (20 bytes)"},
+                                      {{8, 1, 1e-3F}, "6 floats a point (24 bytes)"}})
+      test::expectError(
+          [&, &bytes = rest] {
+            (void)readKittiBin(folder.write("a.bin", plane(points, bytes)), {true, false});
+          },
+          ErrorCode::Input, "input.bin_layout", {words});
+  }
+}
+
 TEST(KittiBinReader, SurvivesACutAtEveryByte) {
   const test::TempFolder folder;
   const std::string file = scan(3);

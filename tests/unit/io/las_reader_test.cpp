@@ -19,6 +19,7 @@ struct LasFile {
   std::uint16_t record_bytes = 20, header_bytes = 227;
   std::uint32_t gap_bytes = 0;  ///< stands for variable length records
   double scale = 0.001;
+  char kind = 0;
   std::uint64_t promised = 3;
   int points = 3;
   static constexpr double kOffsetY = 3810000.0;
@@ -56,6 +57,7 @@ struct LasFile {
       test::put(file, std::int32_t{222123});
       test::put(file, std::int32_t{-i});
       file.resize(begin + record_bytes, '\x7f');
+      file[begin + 15] = file[begin + 16] = kind;  // flags and class
     }
     return file;
   }

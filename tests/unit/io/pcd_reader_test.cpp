@@ -109,7 +109,7 @@ TEST(PcdReader, RefusesWhatIsNoPcd) {
   refuse(pcdHeader("1", "ascii", "x y z", "4 4 4", "F F Q") + "1 2 3\n", "input.malformed", {"Q"});
   refuse(pcdHeader("2", "ascii") + "1 2\n3 4 5\n", "input.malformed", {"2 values"});
   refuse(pcdHeader("1", "ascii") + "1 2 0x3\n", "input.malformed", {"not a number"});
-  refuse(pcdHeader("1", "ascii") + "1,5 2 3\n", "input.malformed");
+  refuse(pcdHeader("1", "ascii") + "1,5 2 3\n", "input.decimal_comma");
   refuse("FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 2\nPOINTS 5\nDATA ascii\n1 2 3\n", "input.malformed",
          {"WIDTH"});
   refuse("FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 9999999\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3\n",

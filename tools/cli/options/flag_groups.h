@@ -19,7 +19,8 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
      " --scans --poses --sensor-at --pose-format --calib --every --allow-truncated --allow-disagreement --allow-changed "
      "--sort-poses --trajectory "
      "--time-offset --max-gap --match "
-     "--stations --ray --laz-command --topic --pose-topic --fixed-frame --extrinsic --exclude-box --deskew --level "
+     "--stations --ray --keep-noise --laz-command --topic --pose-topic --fixed-frame --extrinsic --exclude-box "
+     "--deskew --level "
      "--cloud "
      "--odom --domain --network --queue --max-message --min-range --max-range --range-noise --segments --append "},
     {"Tool",

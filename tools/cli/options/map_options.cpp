@@ -157,7 +157,8 @@ void addScanFlags(FlagParser& flags, MapOptions& options) {
   flags.option("--poses", &options.poses,
                "pose file; may be omitted for VIEWPOINT poses, ray clouds, recordings, --trajectory, --stations and "
                "--sensor-at");
-  flags.option("--sensor-at", &options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
+  flags.option("--sensor-at", &options.sensor_at,
+               "X,Y,Z of the one sensor position of one cloud in the world frame, in its unit");
 }
 
 void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {

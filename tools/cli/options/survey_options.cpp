@@ -33,6 +33,8 @@ void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
   flags.option("--ray", &options.ray,
                "X,Y,Z from the sensor to every point of a cloud in the world frame whose rays are not known, metres: "
                "0,0,-10 for a flight above it");
+  flags.flag("--keep-noise", options.keep_noise,
+             "keep the points of LAS and LAZ that are withheld, synthetic or of the noise classes 7 and 18");
   flags.option(
       "--laz-command", &options.laz_command,
       "command that writes a LAZ file, its last argument, as LAS to standard output; default: laszip -stdout or "
@@ -56,6 +58,7 @@ void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& inpu
   input.match = match->second;
   input.stations = options.stations;
   input.laz_command = options.laz_command;
+  input.keep_noise = options.keep_noise;
   if (!options.ray.empty()) input.ray_W = parseVector("--ray", options.ray);
 }
 
@@ -74,6 +77,7 @@ std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const Survey
   if (options.match != SurveyOptions().match) given.emplace_back("match", options.match);
   if (!options.stations.empty()) given.emplace_back("stations", options.stations);
   if (!options.ray.empty()) given.emplace_back("ray", options.ray);
+  if (options.keep_noise) given.emplace_back("keep_noise", "true");
   if (!options.laz_command.empty()) given.emplace_back("laz_command", options.laz_command);
   return given;
 }

@@ -17,6 +17,7 @@ struct SurveyOptions {
   std::string trajectory, stations, laz_command, ray;
   double time_offset_s = 0, max_gap_s = 0.2;
   std::string match = "auto";
+  bool keep_noise = false;
 };
 
 void addSurveyOptions(FlagParser& flags, SurveyOptions& options);

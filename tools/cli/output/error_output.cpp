@@ -78,6 +78,7 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"time_offset_s", "--time-offset"},
     {"max_gap_s", "--max-gap"},
     {"laz_command", "--laz-command"},
+    {"keep_noise", "--keep-noise"},
     {"pose_topic", "--pose-topic"},
     {"fixed_frame", "--fixed-frame"},
     {"T_B_S", "--extrinsic"},

@@ -217,6 +217,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
     json["device_note"] = {{"id", report.device_note_id}, {"text", report.device_note}};
   }
   if (report.agreement) json["agreement"] = jsonAgreement(*report.agreement);
+  if (report.noise_points > 0) json["counts"]["noise_points"] = report.noise_points;
   if (report.resumed_after_scans) json["resumed_after_scans"] = *report.resumed_after_scans;
   if (report.predicted_bytes) json["memory"]["predicted_bytes"] = *report.predicted_bytes;
   for (const auto& [region, removal] : report.removals) {

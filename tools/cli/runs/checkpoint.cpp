@@ -50,6 +50,7 @@ std::map<std::string, std::string> readingOf(const MapOptions& options) {
     if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
   for (const auto& given : givenSurveyOptions(options.survey))
     if (given.first == "ray" || given.first == "match" || given.first == "max_gap") reading.insert(given);
+  if (options.survey.keep_noise) reading["keep_noise"] = "true";
   return reading;
 }
 

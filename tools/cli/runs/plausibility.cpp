@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <utility>
 
 #include "options/options.h"
@@ -25,6 +26,7 @@ constexpr double kRangeMax_m = 500;   // no ranging sensor of this kind sees far
 constexpr double kRangeMin_m = 0.05;  // nor is its scene this near
 constexpr double kHandToolMax_m = 3;  // robot tools are smaller; a tool in mm read as cm is ten times larger
 constexpr double kToolMin_m = 0.01;
+constexpr double kStepMax = 0.1;     // voxels between coordinates: coarser ones move surfaces
 constexpr double kWorldMax_m = 1e5;  // map projections start here
 
 std::string percent(double share) {
@@ -32,6 +34,14 @@ std::string percent(double share) {
   std::snprintf(text, sizeof text, "%.0f %%", 100 * share);
   return text;
 }
+
+/// Between coordinates as 32-bit floats, at a point.
+double floatStepAt(const Eigen::Vector3d& p) {
+  const auto size = static_cast<float>(p.cwiseAbs().maxCoeff());
+  return std::nextafter(size, std::numeric_limits<float>::infinity()) - size;
+}
+
+bool fitsFloats(const Eigen::Vector3d& p) { return p.cast<float>().cast<double>() == p; }
 
 std::uint64_t cellOf(const Eigen::Vector3d& p_W) {
   std::uint64_t key = 0;
@@ -71,7 +81,25 @@ void SceneStatistics::addReturn(const Eigen::Vector3d& origin_W, const Eigen::Ve
   if (ranges_m_.size() < kMostRanges) ranges_m_.push_back(static_cast<float>((p_W - origin_W).norm()));
 }
 
+void SceneStatistics::addStep(const io::ScanRecord& record) {
+  std::vector<double> steps_m;
+  bool floats = true;  // all of them, by chance only where the steps are small
+  const auto look = [&](const Eigen::Vector3d& p) {
+    if (!p.allFinite() || p.isZero(0)) return;
+    floats = floats && fitsFloats(p);
+    steps_m.push_back(floatStepAt(p));
+  };
+  const std::size_t rays = record.points_W.size(), count = record.points_S.size();
+  for (std::size_t i = 0; i < rays; i += std::max<std::size_t>(1, rays / kReturnsSampled)) look(record.points_W[i]);
+  for (std::size_t i = 0; i < count; i += std::max<std::size_t>(1, count / kReturnsSampled))
+    look(record.points_S[i].cast<double>());
+  if (steps_m.empty()) return;
+  float_steps_m_.push_back(floats ? medianOf(std::move(steps_m)) : 0);
+  file_steps_m_.push_back(record.step_m);
+}
+
 void SceneStatistics::add(const io::ScanRecord& record) {
+  addStep(record);
   const std::size_t rays = record.points_W.size();
   for (std::size_t i = 0; i < rays; i += std::max<std::size_t>(1, rays / kReturnsSampled)) {
     const Eigen::Vector3d& origin_W = record.origins_W.size() == 1 ? record.origins_W[0] : record.origins_W.at(i);
@@ -100,6 +128,9 @@ void SceneStatistics::add(const io::ScanRecord& record) {
 double SceneStatistics::medianRange_m() const {
   return std::max(0.0, medianOf(std::vector<double>(ranges_m_.begin(), ranges_m_.end())));
 }
+
+double SceneStatistics::floatStep_m() const { return std::max(0.0, medianOf(float_steps_m_)); }
+double SceneStatistics::fileStep_m() const { return std::max(0.0, medianOf(file_steps_m_)); }
 
 double SceneStatistics::medianOverlap() const { return medianOf(overlaps_); }
 
@@ -168,6 +199,17 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
   } else if (range_m > 0 && path_m > 1000 * range_m) {
     warn("input.pose_unit", "the sensor travels " + numberText(path_m) + " m but sees only " + numberText(range_m) +
                                 " m far: the poses look like millimetres. Poses must be in metres");
+  }
+  const double float_m = facts.scene.floatStep_m(), file_m = facts.scene.fileStep_m();
+  // Whichever is coarser has made the other.
+  if (const double step_m = std::max(float_m, file_m); step_m > kStepMax * facts.voxel_size_m) {
+    warn("scans.coarse",
+         "coordinates come in steps of " + numberText(step_m) + " m, " + numberText(step_m / facts.voxel_size_m) +
+             " voxels" +
+             (float_m >= file_m ? ": 32-bit floats cannot tell more so far from zero. Export them in "
+                                  "double precision, or subtract an origin before they are saved"
+                                : ", as the file's scale says. Export them with a finer scale, or use a "
+                                  "larger --voxel"));
   }
   const double overlap = facts.scene.medianOverlap();
   if (overlap >= 0 && overlap < kOverlapMin) {

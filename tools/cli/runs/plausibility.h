@@ -26,14 +26,19 @@ class SceneStatistics {
   /// Median over the scans, from the second on, of the share of a scan that is where earlier scans saw something.
   /// Negative if unknown.
   [[nodiscard]] double medianOverlap() const;
+  /// Distance of coordinates that are next to each other, in the median scan: because they are or were 32-bit floats,
+  /// and because the file says so.
+  [[nodiscard]] double floatStep_m() const;
+  [[nodiscard]] double fileStep_m() const;
   [[nodiscard]] const Eigen::AlignedBox3d& sensors_W() const { return sensors_W_; }
 
  private:
+  void addStep(const io::ScanRecord& record);
   void addReturn(const Eigen::Vector3d& origin_W, const Eigen::Vector3d& p_W);
 
   Eigen::AlignedBox3d sensors_W_;
   std::vector<float> ranges_m_;
-  std::vector<double> overlaps_;
+  std::vector<double> overlaps_, float_steps_m_, file_steps_m_;
   std::unordered_set<std::uint64_t> seen_cells_;
 };
 

@@ -33,9 +33,9 @@ constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis",
                                         "half",      "compression", "up-axis",   "points-format"};
 /// Flags that say what a flight's scans are.
 constexpr const char* kOfAFlight[] = {
-    "scans",       "poses",      "calib",       "pose-format", "sensor-at",   "every", "allow-truncated",
-    "sort-poses",  "trajectory", "time-offset", "stations",    "laz-command", "topic", "pose-topic",
-    "fixed-frame", "extrinsic",  "exclude-box", "level",       "ray",         "match", "max-gap"};
+    "scans",       "poses",       "calib",    "pose-format", "sensor-at", "every",      "allow-truncated", "sort-poses",
+    "trajectory",  "time-offset", "stations", "laz-command", "topic",     "pose-topic", "fixed-frame",     "extrinsic",
+    "exclude-box", "level",       "ray",      "match",       "max-gap",   "keep-noise"};
 
 constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
 /// Of the process without any map, and of one step of scans.

@@ -87,7 +87,7 @@ class MapRun {
   RunReport report_;
   SceneStatistics scene_;
   std::set<std::string> hashed_;
-  std::uint64_t truncated_points_ = 0, excluded_points_ = 0, unposed_points_ = 0;
+  std::uint64_t truncated_points_ = 0, excluded_points_ = 0, unposed_points_ = 0, posed_noise_points_ = 0;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool refused_ = false;      // existing outputs must stay
   bool written_ = false;      // the field including its labels
@@ -195,6 +195,8 @@ void MapRun::integrate(const io::ScanRecord& record, double stamp_s, Accessibili
   truncated_points_ += record.truncated_points;
   excluded_points_ += record.excluded_points;
   unposed_points_ += record.unposed_points;
+  report_.noise_points += record.noise_points;
+  if (record.points_W.empty()) posed_noise_points_ += record.noise_points;
   ++report_.scans;
 }
 
@@ -295,6 +297,8 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
       truncated_points_ += record.truncated_points;
       excluded_points_ += record.excluded_points;
       unposed_points_ += record.unposed_points;
+      report_.noise_points += record.noise_points;
+      if (record.points_W.empty()) posed_noise_points_ += record.noise_points;
       hashInput(record.path);
     }
     if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
@@ -324,6 +328,9 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   const Eigen::AlignedBox3d surface_W = countPoints(report_, field.memoryUse(), *points);
   if (excluded_points_ > 0)
     messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
+  if (posed_noise_points_ > 0)  // of clouds their readers have said it
+    messages_.notice(std::to_string(posed_noise_points_) +
+                     " withheld, synthetic and noise points were left out (--keep-noise keeps them)");
   if (unposed_points_ > 0)
     messages_.notice(std::to_string(unposed_points_) +
                      " returns were left out: there is no pose at the time at which each was measured");

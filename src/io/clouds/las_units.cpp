@@ -1,0 +1,233 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "io/clouds/las_units.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <map>
+
+#include "accessvdb/error.h"
+#include "io/clouds/scalar_type.h"
+#include "io/clouds/wkt_tree.h"
+#include "io/streams/input_file.h"
+#include "io/streams/text_lines.h"
+
+namespace accessvdb::io {
+namespace {
+
+constexpr const char* kReproject = "Reproject it into metres, for example by pdal translate with filters.reprojection";
+constexpr double kFoot_m = 0.3048, kSurveyFoot_m = 1200.0 / 3937;
+
+struct CodedUnit {
+  int code;  ///< EPSG
+  const char* name;
+  double metres;  ///< 0: not read
+};
+constexpr CodedUnit kCodedUnits[] = {{9001, "metres", 1},
+                                     {9002, "feet", kFoot_m},
+                                     {9003, "US survey feet", kSurveyFoot_m},
+                                     {9004, "modified American feet", 0},
+                                     {9005, "Clarke's feet", 0},
+                                     {9006, "Indian feet", 0},
+                                     {9007, "Clarke's links", 0},
+                                     {9014, "fathoms", 0},
+                                     {9030, "nautical miles", 0},
+                                     {9036, "kilometres", 0},
+                                     {9070, "British feet of 1865", 0},
+                                     {9095, "British feet of 1936", 0},
+                                     {9102, "degrees", 0}};
+
+[[noreturn]] void refuseUnit(const std::string& subject, const std::string& what) {
+  throw InputError("input.unit", subject, what + "; read are metres, feet and US survey feet", kReproject);
+}
+
+[[noreturn]] void refuseGeographic(const std::string& subject, const std::string& by, bool geocentric) {
+  throw InputError("input.geographic", subject,
+                   geocentric ? by + " says that coordinates are geocentric, from the Earth's centre, where up is not z"
+                              : by + " says that coordinates are geographic: longitude and latitude in degrees",
+                   kReproject);
+}
+
+/// The unit that has this length, within the digits that files write.
+const CodedUnit* unitOfLength(double metres) {
+  for (const CodedUnit& unit : kCodedUnits)
+    if (unit.metres > 0 && std::abs(metres / unit.metres - 1) < 2e-7) return &unit;
+  return nullptr;
+}
+
+/// Units of state planes of which only the number is given: EPSG 2222 to 2289 (NAD83) and 2867 to 2930 (HARN) are all
+/// in feet, these of them in international ones.
+const CodedUnit* unitOfProjection(int epsg) {
+  const auto in = [epsg](int first, int last) { return epsg >= first && epsg <= last; };
+  if (!in(2222, 2289) && !in(2867, 2930)) return nullptr;
+  const bool international = in(2222, 2224) || in(2251, 2253) || epsg == 2256 || in(2265, 2266) || in(2269, 2270) ||
+                             epsg == 2273 || in(2280, 2282) || in(2867, 2869) || in(2896, 2898) || epsg == 2901 ||
+                             in(2909, 2910) || in(2913, 2914) || in(2921, 2923);
+  return &kCodedUnits[international ? 1 : 2];
+}
+
+const CodedUnit* unitOfHeights(int epsg) {
+  if (epsg == 5703 || epsg == 5701 || epsg == 5773 || epsg == 3855) return &kCodedUnits[0];
+  if (epsg == 8228) return &kCodedUnits[1];
+  if (epsg == 6360 || epsg == 5702) return &kCodedUnits[2];
+  return nullptr;
+}
+
+LasUnits unitsFrom(const CodedUnit& horizontal, const CodedUnit& vertical) {
+  LasUnits units;
+  units.metres = {horizontal.metres, horizontal.metres, vertical.metres};
+  if (horizontal.metres == 1 && vertical.metres == 1) return units;
+  units.words = horizontal.name;
+  if (horizontal.metres != vertical.metres) units.words += std::string(" (heights in ") + vertical.name + ")";
+  return units;
+}
+
+/// Values of GeoKeys that are in the directory itself, and those of the list of doubles.
+struct GeoKeys {
+  std::map<int, int> values = {};
+  std::map<int, double> doubles = {};
+
+  [[nodiscard]] int value(int key) const {
+    const auto found = values.find(key);
+    return found == values.end() ? 0 : found->second;
+  }
+};
+
+std::optional<GeoKeys> geoKeysOf(const std::string& directory, const std::string& doubles) {
+  constexpr std::size_t kEntry = 8;
+  const auto number = [&](std::size_t at) { return int{loadScalar<std::uint16_t>(directory.data() + at)}; };
+  if (directory.size() < kEntry) return std::nullopt;
+  const auto count = static_cast<std::size_t>(number(6));
+  if (directory.size() / kEntry < count + 1) return std::nullopt;
+  GeoKeys keys;
+  for (std::size_t i = 1; i <= count; ++i) {
+    const int key = number(kEntry * i), place = number(kEntry * i + 2), value = number(kEntry * i + 6);
+    if (place == 0) keys.values[key] = value;
+    const auto offset = sizeof(double) * static_cast<std::size_t>(value);
+    if (place == 34736 && offset + sizeof(double) <= doubles.size())
+      keys.doubles[key] = loadScalar<double>(doubles.data() + offset);
+  }
+  return keys;
+}
+
+constexpr int kModelType = 1024, kGeographicType = 2048, kProjectedType = 3072, kLinearUnits = 3076,
+              kLinearUnitSize = 3077, kVerticalType = 4096, kVerticalUnits = 4099, kUserDefined = 32767;
+
+/// @return null where the keys do not say it
+const CodedUnit* unitOfKey(const GeoKeys& keys, int key, const std::string& subject, const char* of) {
+  const int code = keys.value(key);
+  if (code == 0) return nullptr;
+  const auto known = std::find_if(std::begin(kCodedUnits), std::end(kCodedUnits),
+                                  [code](const CodedUnit& unit) { return unit.code == code; });
+  if (known != std::end(kCodedUnits) && known->metres > 0) return known;
+  if (code == kUserDefined && key == kLinearUnits) {
+    const auto size = keys.doubles.find(kLinearUnitSize);
+    const CodedUnit* const unit = size == keys.doubles.end() ? nullptr : unitOfLength(size->second);
+    if (unit != nullptr) return unit;
+  }
+  refuseUnit(subject, std::string("has ") + of + " in " +
+                          (known != std::end(kCodedUnits) ? known->name : "a unit of another kind") + " (" +
+                          std::to_string(code) + " by its GeoKeys)");
+}
+
+LasUnits unitsOfKeys(const GeoKeys& keys, const std::string& subject) {
+  const int model = keys.value(kModelType);
+  const bool only_geographic = model != 1 && keys.value(kGeographicType) != 0 && keys.value(kProjectedType) == 0 &&
+                               keys.value(kLinearUnits) == 0;
+  if (model == 2 || model == 3 || only_geographic) refuseGeographic(subject, "its GeoKeys", model == 3);
+  const CodedUnit* horizontal = unitOfKey(keys, kLinearUnits, subject, "coordinates");
+  if (horizontal == nullptr) horizontal = unitOfProjection(keys.value(kProjectedType));
+  const CodedUnit* vertical = unitOfKey(keys, kVerticalUnits, subject, "heights");
+  if (vertical == nullptr) vertical = unitOfHeights(keys.value(kVerticalType));
+  if (horizontal == nullptr) horizontal = &kCodedUnits[0];
+  return unitsFrom(*horizontal, vertical != nullptr ? *vertical : *horizontal);
+}
+
+std::string unitName(const WktNode& unit) {
+  return (unit.values.empty() ? "a unit without a name" : "'" + wordForMessage(unit.values[0]) + "'");
+}
+
+/// @return null where there is no unit
+const CodedUnit* unitOfNode(const WktNode* unit, const std::string& subject, const char* of) {
+  if (unit == nullptr) return nullptr;
+  double metres = 0;
+  const CodedUnit* const known =
+      unit->values.size() >= 2 && parseNumber(unit->values[1], metres) && metres > 0 ? unitOfLength(metres) : nullptr;
+  if (known == nullptr) refuseUnit(subject, std::string("has ") + of + " in " + unitName(*unit) + " by its WKT");
+  return known;
+}
+
+const WktNode* lengthUnitIn(const WktNode& node) { return node.child({"LENGTHUNIT", "UNIT"}); }
+
+/// The unit of one axis, or of all: in WKT 2 each may have its own.
+const WktNode* unitOfAxis(const WktNode& crs, std::size_t axis) {
+  std::size_t i = 0;
+  for (const WktNode& child : crs.children) {
+    if (child.keyword != "AXIS" || i++ != axis) continue;
+    if (const WktNode* const own = lengthUnitIn(child)) return own;
+  }
+  return lengthUnitIn(crs);
+}
+
+/// What was found on the way down a tree.
+struct WktUnits {
+  const CodedUnit* horizontal = nullptr;
+  const CodedUnit* vertical = nullptr;
+};
+
+bool isKind(const WktNode& node, std::initializer_list<std::string_view> keywords) {
+  return std::find(keywords.begin(), keywords.end(), node.keyword) != keywords.end();
+}
+
+void collectUnits(const WktNode& node, const std::string& subject, WktUnits& found) {
+  if (isKind(node, {"COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS", "COORDINATEMETADATA"})) {
+    for (const WktNode& child : node.children) collectUnits(child, subject, found);
+  } else if (isKind(node, {"PROJCS", "PROJCRS", "PROJECTEDCRS", "LOCAL_CS", "ENGCRS", "ENGINEERINGCRS", "LOCALCS",
+                           "DERIVEDPROJCRS", "ENGINEERCRS"})) {
+    found.horizontal = unitOfNode(unitOfAxis(node, 0), subject, "coordinates");
+    const WktNode* const cs = node.child({"CS"});
+    const bool three = cs != nullptr && cs->values.size() >= 2 && cs->values[1] == "3";
+    if (three) found.vertical = unitOfNode(unitOfAxis(node, 2), subject, "heights");
+  } else if (isKind(node, {"VERT_CS", "VERTCRS", "VERTICALCRS"})) {
+    found.vertical = unitOfNode(unitOfAxis(node, 0), subject, "heights");
+  } else if (isKind(node, {"GEOCCS"})) {
+    refuseGeographic(subject, "its WKT", true);
+  } else if (isKind(node, {"GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEODETICCRS"})) {
+    const WktNode* const cs = node.child({"CS"});
+    const std::string kind = cs == nullptr || cs->values.empty() ? "" : inLowerCase(cs->values[0]);
+    refuseGeographic(subject, "its WKT", kind == "cartesian");
+  }
+}
+
+}  // namespace
+
+LasUnits lasUnits(const LasProjection& projection, const std::string& subject) {
+  LasUnits units;
+  if (projection.cut_off)
+    units.doubt = "its list of records is damaged, and none before the damage says the unit: it is taken to be metres";
+  const auto ofKeys = [&]() -> std::optional<LasUnits> {
+    if (!projection.geo_keys) return std::nullopt;
+    const auto keys = geoKeysOf(*projection.geo_keys, projection.geo_doubles.value_or(""));
+    if (keys) return unitsOfKeys(*keys, subject);
+    units.doubt = "its GeoKeys cannot be read: coordinates are taken to be in metres";
+    return std::nullopt;
+  };
+  const auto ofWkt = [&]() -> std::optional<LasUnits> {
+    if (!projection.wkt || projection.wkt->find_first_not_of('\0') == std::string::npos) return std::nullopt;
+    WktUnits found;
+    if (const auto tree = parseWkt(*projection.wkt)) {
+      collectUnits(*tree, subject, found);
+      if (found.horizontal != nullptr)
+        return unitsFrom(*found.horizontal, found.vertical != nullptr ? *found.vertical : *found.horizontal);
+    }
+    units.doubt = "its WKT names no unit that can be read: coordinates are taken to be in metres";
+    return std::nullopt;
+  };
+  std::optional<LasUnits> said = projection.wkt_counts ? ofWkt() : ofKeys();
+  if (!said) said = projection.wkt_counts ? ofKeys() : ofWkt();
+  return said ? *said : units;
+}
+
+}  // namespace accessvdb::io
