@@ -20,8 +20,9 @@ bool isNumber(std::string_view token) {
   return parseNumber(token, value);
 }
 
-/// 0,5 1,25 or 0,5;1,25: a comma within each number, and something else between them.
-bool hasDecimalCommas(std::string_view line) {
+/// 0,5 1,25 or 0,5;1,25: a comma within each number, and something else between them. Stricter than
+/// hasDecimalCommas(): rows of poses in CSV may be whole numbers.
+bool numbersHaveCommas(std::string_view line) {
   std::size_t numbers = 0, commas = 0;
   for (std::size_t begin = line.find_first_not_of(" \t;\r"); begin != std::string_view::npos;) {
     const std::size_t end = std::min(line.find_first_of(" \t;\r", begin), line.size());
@@ -100,7 +101,7 @@ void ColumnReader::settleNames() {
 }
 
 void ColumnReader::split(std::string_view line) {
-  if (rows_ == 0) decimal_commas_ = hasDecimalCommas(line);
+  if (rows_ == 0) decimal_commas_ = numbersHaveCommas(line);
   if (decimal_commas_) {
     row_ = line;
     std::replace(row_.begin(), row_.end(), ',', '.');
