@@ -28,7 +28,7 @@ class CheckpointedRun : public ProgramTest {
     return runProgram(arguments(out, more));
   }
   std::vector<std::string> arguments(const std::string& out, std::vector<std::string> more) const {
-    more.insert(more.end(), {"--out", path(out), "--width", "160", "--height", "120"});
+    more.insert(more.end(), {"--out", path(out), "--width", "160", "--height", "120", "--allow-disagreement"});
     return mapArguments(more);
   }
   /// A run with checkpoints in "cp" that is stopped once a file is there.

@@ -19,7 +19,7 @@ struct CheckpointWorld {
 };
 
 /// Scans `first` to `first + count - 1` of a world, as binary PCD files of a rough wall with a slot in it and a pole
-/// before it.
+/// before it, all of which move with the sensor: these scans do not agree (--allow-disagreement).
 inline void writeScansOf(const CheckpointWorld& world, const std::filesystem::path& folder, int first, int count) {
   std::filesystem::create_directories(folder);
   for (int scan = first; scan < first + count; ++scan) {

@@ -124,10 +124,10 @@ TEST_F(HostileInputs, TextThatIsNotUtf8) {
   const std::size_t comment = points.find("comment voxel_size_m");
   ASSERT_NE(comment, std::string::npos);
   writeText("after/points.ply", points.insert(comment, "comment odd\xff\xfe \xc3(\x80\n"));
-  const ProgramResult diff = runProgram({"diff", path("out"), path("after"), "--json"});
+  const ProgramResult diff = runProgram({"diff", path("out"), path("after"), "--json", "--allow-changed"});
   EXPECT_EQ(diff.exit_code, 0) << diff.err;
   EXPECT_TRUE(nlohmann::json::accept(diff.out)) << diff.out;
-  const ProgramResult written = runProgram({"diff", path("out"), path("after"), "--out", path("changes")});
+  const ProgramResult written = runProgram({"diff", path("out"), path("after"), "--out", path("changes"), "--allow-changed"});
   EXPECT_EQ(written.exit_code, 0) << written.err;
   EXPECT_TRUE(nlohmann::json::accept(readText("changes/diff.json")));
 

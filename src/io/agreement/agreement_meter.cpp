@@ -29,8 +29,10 @@ constexpr std::uint64_t kLeastAnswers = 100;
 constexpr double kDoubtfulGain = 0.05, kDisagreeGain = 0.12;  ///< of the score, by a change of the poses
 /// Without a change that helps. Things that move, leaves and thin bars contradict, too.
 constexpr double kDoubtfulShare = 0.7, kDisagreeShare = 0.5;
-/// The changes that put all sensors near each other make neighbours alike, so they have to do better.
-constexpr double kCollapseGain = 0.3;
+/// Changes that put all sensors near each other make all scans of a long wall alike, so they have to do better, and
+/// something has to speak against the poses as they are: returns that contradict or are hidden, or scans that have
+/// nothing in common.
+constexpr double kCollapseGain = 0.3, kSpokenAgainst = 0.25, kNothingInCommon = 0.1;
 
 /// Patches of a twentieth of the range have a few returns, and are small beside rooms and trees.
 constexpr double kPatchShare = 0.05;
@@ -73,7 +75,9 @@ std::vector<Eigen::Vector3f> pointsAround(const ScanRecord& record) {
   return points;
 }
 
-bool collapses(const PoseCure& change) { return change.fault == PoseFault::Unit && change.value < 0.1; }
+bool collapses(const PoseCure& change) {
+  return change.fault == PoseFault::InWorld || (change.fault == PoseFault::Unit && change.value < 1);
+}
 
 }  // namespace
 
@@ -226,11 +230,17 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   }
 
   /// The change with which the scans agree best.
-  [[nodiscard]] std::optional<PoseCure> bestChange(const std::vector<Pair>& pairs, bool far_apart) const {
+  [[nodiscard]] std::optional<PoseCure> bestChange(const std::vector<Pair>& pairs, const AgreementCounts& now,
+                                                   bool far_apart) const {
     if (std::any_of(scans.begin(), scans.end(), [](const Scan& scan) { return !scan.pose_at; })) return std::nullopt;
     const auto images = imagesAsTheyAre();
+    const auto against = static_cast<double>(now.contradicting + now.hidden);
+    const auto agreeing = static_cast<double>(now.agreeing);
+    const bool spoken_against = against > kSpokenAgainst * (agreeing + against) ||
+                                agreeing < kNothingInCommon * static_cast<double>(now.asked());
     std::optional<PoseCure> best;
     const auto offer = [&](const PoseCure& change) {
+      if (collapses(change) && !spoken_against) return;
       if (!best || change.counts.score() > best->counts.score()) best = change;
     };
     for (PoseCure change : poseChanges()) {
@@ -325,7 +335,7 @@ ScanAgreement AgreementMeter::measure() const {
   const AgreementCounts& now = result.counts;
   const std::uint64_t answers = now.agreeing + now.contradicting;
   result.verdict = AgreementVerdict::Usual;
-  auto best = impl_->bestChange(pairs, far_apart);
+  auto best = impl_->bestChange(pairs, now, far_apart);
   if (best) {
     const double gain = best->counts.score() - now.score();
     if (gain >= (collapses(*best) ? kCollapseGain : kDoubtfulGain)) {

@@ -170,6 +170,24 @@ TEST(ScanAgreement, KnowsScansThatAreInTheWorldAlready) {
   expectCure(agreementOf(room, room.T_W_B), PoseFault::InWorld);
 }
 
+/// Past a long wall, with a sensor that sees a piece of it: every scan looks alike, as if all had been taken in one
+/// place.
+TEST(ScanAgreement, ALongWallSeenInPiecesIsUsual) {
+  Walk facade;
+  for (int i = 0; i < 10; ++i) {
+    ScanRecord scan;
+    scan.T_W_S = Eigen::Translation3d(0, 0.3 * i, 1);
+    for (int k = 0; k < 1600; ++k)
+      scan.points_S.emplace_back(2.0F, -0.5F + static_cast<float>(k % 40) / 40,
+                                 -0.5F + static_cast<float>(k / 40) / 40);
+    facade.T_W_B.push_back(scan.T_W_S);
+    facade.scans.push_back(std::move(scan));
+  }
+  const ScanAgreement agreement = agreementOf(facade, facade.T_W_B);
+  EXPECT_EQ(agreement.verdict, AgreementVerdict::Usual);
+  EXPECT_LT(agreement.counts.score(), 0.8);
+}
+
 TEST(ScanAgreement, DoesNotDependOnTheWorldFrame) {
   const Walk room = walk();
   const Eigen::Isometry3d T = Eigen::Translation3d(100, -50, 7) * Eigen::AngleAxisd(1, Eigen::Vector3d::UnitX());

@@ -16,7 +16,8 @@ struct FlagsOfGroup {
 };
 inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
     {"Input",
-     " --scans --poses --sensor-at --pose-format --calib --every --allow-truncated --allow-disagreement --allow-changed "
+     " --scans --poses --sensor-at --pose-format --calib --every --allow-truncated --allow-disagreement "
+     "--allow-changed "
      "--sort-poses --trajectory "
      "--time-offset --max-gap --match "
      "--stations --ray --keep-noise --laz-command --topic --pose-topic --fixed-frame --extrinsic --exclude-box "

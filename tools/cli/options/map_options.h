@@ -37,7 +37,8 @@ struct MapOptions {
   int every = 1, update_every = 0;
   std::string tiles = "auto", bin_memory, origin;
   bool keep_rays = false, fresh = false, html = false;
-  bool allow_truncated = false, allow_disagreement = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
+  bool allow_truncated = false, allow_disagreement = false, sort_poses = false, no_clobber = false,
+       print_config = false, mirror_distance = false;
   bool still = false;  ///< --static
   bool allow_open_tool = false, allow_hidden_tool = false;
   std::vector<std::string> remove;
