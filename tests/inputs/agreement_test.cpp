@@ -188,7 +188,24 @@ TEST_F(Agreement, PosesAroundTheMiddleOfTheEarth) {
   EXPECT_FALSE(mapped({level}).warns("poses.up")) << level;
 }
 
+TEST_F(Agreement, OneBadPoseIsNamed) {
+  std::size_t scan = 0;
+  writePosesAs([&](Eigen::Isometry3d T) {
+    if (scan++ == 3) T.translation().z() += 1;
+    return T;
+  });
+  const MapOutcome outcome = mapped();
+  EXPECT_EQ(outcome.program.exit_code, 0) << outcome.program.err;
+  EXPECT_TRUE(outcome.warns("poses.disagree")) << outcome.program.err;
+  EXPECT_NE(outcome.program.err.find("1 of 8 scans compared does not agree with the others (3.pcd)"), std::string::npos)
+      << outcome.program.err;
+  EXPECT_EQ(report()["agreement"]["outliers"], Json::array({"3.pcd"}));
+}
+
 TEST_F(Agreement, AWorldThatIsTilted) {
+  // Walls count as much as floors: dense enough for patches of both.
+  scans_ = worldScans(12000);
+  for (std::size_t i = 0; i < scans_.size(); ++i) writePcd("scans/" + std::to_string(i) + ".pcd", scans_[i].points_S());
   const Eigen::Isometry3d T(Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitX()) *
                             Eigen::AngleAxisd(-0.3, Eigen::Vector3d::UnitY()));
   writePosesAs([&](const auto& T_W_S) { return T * T_W_S; });

@@ -80,6 +80,8 @@ struct ScanAgreement {
   std::size_t scans = 0, pairs = 0;
   AgreementCounts counts;
   std::optional<PoseCure> cure;  ///< only where the verdict is below Usual
+  /// Scans that do not agree with the others, which do: by their file, or their time in a recording.
+  std::vector<std::string> outliers;
 };
 
 /// The turn that makes a direction z.

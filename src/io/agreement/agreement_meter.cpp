@@ -6,11 +6,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <iterator>
 
 #include "accessvdb/program/scan_agreement.h"
 #include "io/agreement/level_surfaces.h"
 #include "io/agreement/pose_changes.h"
 #include "io/agreement/range_image.h"
+#include "io/streams/input_file.h"
 
 namespace accessvdb::io {
 namespace {
@@ -26,12 +30,19 @@ constexpr std::uint64_t kLeastAnswers = 100;
 
 // What was measured of right and wrong poses is in docs/evaluation.md, "Agreement of scans": where poses are right, no
 // change of them gains more than 0.02.
-constexpr double kDoubtfulGain = 0.05, kDisagreeGain = 0.12;  ///< of the score, by a change of the poses
+constexpr double kDoubtfulGain = 0.03, kDisagreeGain = 0.12;  ///< of the score, by a change of the poses
 /// Without a change that helps. Things that move, leaves and thin bars contradict, too.
 constexpr double kDoubtfulShare = 0.7, kDisagreeShare = 0.5;
 /// Changes that put all sensors near each other make all scans of a long wall alike, so they have to do better, and
 /// something has to speak against the poses as they are: returns that contradict or are hidden, or scans that have
 /// nothing in common.
+constexpr std::size_t kLeastForOutliers = 4, kMostOutliers = 4;  ///< scans; one in so many
+constexpr double kOutlierShare = 0.85, kOthersShare = 0.95, kOutlierGap = 0.1;
+constexpr double kUncontradicted = 0.95, kExplainsAll = 0.9;  ///< share of the poses, score of the change
+constexpr double kSureShare = 0.75, kSureScore = 0.9;         ///< to refuse: many contradict, or the cure explains all
+constexpr double kPosedShare = 0.75;                          ///< of the pairs, after a change
+constexpr std::size_t kLeastForTimes = 6;  ///< scans: of two or three, another time only puts them into one place
+constexpr double kTimeShare = 0.02;        ///< by which a time offset has to raise the share
 constexpr double kCollapseGain = 0.3, kSpokenAgainst = 0.25, kNothingInCommon = 0.1;
 
 /// Patches of a twentieth of the range have a few returns, and are small beside rooms and trees.
@@ -45,12 +56,32 @@ struct Scan {
   Eigen::Isometry3d T_W_S;
   AgreementMeter::PoseAt pose_at;
   double median_range_m = 0;
+  std::string name;
   std::unique_ptr<RangeImage> image;
 };
 
 struct Pair {
   std::size_t from, to;
+  [[nodiscard]] bool has(std::size_t scan) const { return from == scan || to == scan; }
 };
+
+/// A change, and what the same returns say of the poses as they are.
+struct Tried {
+  PoseCure change;
+  AgreementCounts before;
+  [[nodiscard]] double gain() const { return change.counts.score() - before.score(); }
+};
+
+std::vector<Pair> without(const std::vector<Pair>& pairs, std::size_t scan) {
+  std::vector<Pair> left;
+  std::copy_if(pairs.begin(), pairs.end(), std::back_inserter(left), [&](const Pair& pair) { return !pair.has(scan); });
+  return left;
+}
+std::vector<Pair> withOnly(const std::vector<Pair>& pairs, std::size_t scan) {
+  std::vector<Pair> left;
+  std::copy_if(pairs.begin(), pairs.end(), std::back_inserter(left), [&](const Pair& pair) { return pair.has(scan); });
+  return left;
+}
 
 double medianOf(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -75,6 +106,18 @@ std::vector<Eigen::Vector3f> pointsAround(const ScanRecord& record) {
   return points;
 }
 
+std::string nameOf(const ScanRecord& record) {
+  const std::filesystem::path path = record.path;
+  const std::string extension = path.extension().string();
+  std::string name = forMessage(path.filename().native());
+  if (record.stamp_s != 0 && (extension == ".mcap" || extension == ".bag" || extension == ".db3")) {
+    char at[64];
+    std::snprintf(at, sizeof at, " at %.3f s", record.stamp_s);
+    name += at;
+  }
+  return name;
+}
+
 bool collapses(const PoseCure& change) {
   return change.fault == PoseFault::InWorld || (change.fault == PoseFault::Unit && change.value < 1);
 }
@@ -86,7 +129,7 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   Eigen::Isometry3d T_B_S = Eigen::Isometry3d::Identity();
   bool extrinsic = false;
   std::vector<Scan> scans;
-  std::size_t others = 0;  ///< that cannot be compared
+  std::size_t in_world = 0;  ///< clouds that cannot be compared
   std::vector<Eigen::Vector3f> normals_W;
 
   void addPatches(const std::vector<Eigen::Vector3f>& points, const Eigen::Matrix3f& R_W) {
@@ -147,6 +190,9 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
                   break;
                 case RangeImage::Answer::Nothing:
                   ++counts.beside;
+                  break;
+                case RangeImage::Answer::Unknown:
+                  break;
               }
             }
           }
@@ -169,19 +215,62 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
     return images;
   }
 
-  /// Nothing if a scan has no pose then.
-  [[nodiscard]] std::optional<std::vector<Eigen::Isometry3d>> changed(const PoseCure& change) const {
-    std::vector<Eigen::Isometry3d> poses;
+  /// Nothing for a scan that has no pose then.
+  [[nodiscard]] std::vector<std::optional<Eigen::Isometry3d>> changed(const PoseCure& change) const {
+    std::vector<std::optional<Eigen::Isometry3d>> poses;
     for (const Scan& scan : scans) {
       const auto T_W_B = scan.pose_at(change.fault == PoseFault::TimeOffset ? change.value : 0);
-      if (!T_W_B) {
-        if (change.fault != PoseFault::TimeOffset) return std::nullopt;
-        poses.push_back(scan.T_W_S);  // at the ends of the poses
-        continue;
-      }
-      poses.push_back(changedPose(change, *T_W_B, T_B_S));
+      poses.push_back(T_W_B ? std::optional(changedPose(change, *T_W_B, T_B_S)) : std::nullopt);
     }
     return poses;
+  }
+
+  /// The pairs whose scans both have a pose after the change, before and after it.
+  /// @param before  of all pairs
+  [[nodiscard]] std::optional<Tried> tried(PoseCure change, const std::vector<Pair>& pairs,
+                                           const AgreementCounts& before) const {
+    const auto poses = changed(change);
+    std::vector<Eigen::Isometry3d> known;
+    for (const auto& pose : poses) known.push_back(pose.value_or(Eigen::Isometry3d::Identity()));
+    std::vector<Pair> both;
+    for (const Pair& pair : pairs)
+      if (poses[pair.from] && poses[pair.to]) both.push_back(pair);
+    if (static_cast<double>(both.size()) < kPosedShare * static_cast<double>(pairs.size())) return std::nullopt;
+    change.counts = count(both, known, imagesAsTheyAre(), kReturnsTried);
+    if (both.size() == pairs.size()) return Tried{change, before};
+    return Tried{change, count(both, posesAsTheyAre(), imagesAsTheyAre(), kReturnsTried)};
+  }
+
+  /// Scans that do not agree with the others, where those do; their pairs are taken out.
+  [[nodiscard]] std::vector<std::size_t> takeOutliers(std::vector<Pair>& pairs) const {
+    std::vector<std::size_t> outliers;
+    if (scans.size() < kLeastForOutliers) return outliers;
+    const auto countOf = [&](const std::vector<Pair>& some) {
+      return count(some, posesAsTheyAre(), imagesAsTheyAre(), kReturnsAsked);
+    };
+    std::vector<std::size_t> alone;  // far from all others, which are near each other
+    for (std::size_t i = 0; i < scans.size(); ++i)
+      if (std::none_of(pairs.begin(), pairs.end(), [i](const Pair& pair) { return pair.has(i); })) alone.push_back(i);
+    if (scans.size() >= 2 * kLeastForOutliers && kMostOutliers * alone.size() <= scans.size()) outliers = alone;
+    while (kMostOutliers * (outliers.size() + 1) <= scans.size()) {
+      std::optional<std::size_t> worst;
+      double worst_share = kOutlierShare;
+      for (std::size_t i = 0; i < scans.size(); ++i) {
+        const AgreementCounts of_scan = countOf(withOnly(pairs, i));
+        if (of_scan.agreeing + of_scan.contradicting < kLeastAnswers || of_scan.share() >= worst_share) continue;
+        worst_share = of_scan.share();
+        worst = i;
+      }
+      if (!worst) break;
+      const std::vector<Pair> others = without(pairs, *worst);
+      const AgreementCounts left = countOf(others);
+      if (left.agreeing + left.contradicting < kLeastAnswers ||
+          left.share() < std::max(kOthersShare, worst_share + kOutlierGap))
+        break;
+      outliers.push_back(*worst);
+      pairs = others;
+    }
+    return outliers;
   }
 
   /// In the world frame, returns are not much farther from their sensors than from the origin. Seen from afar
@@ -230,30 +319,40 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   }
 
   /// The change with which the scans agree best.
-  [[nodiscard]] std::optional<PoseCure> bestChange(const std::vector<Pair>& pairs, const AgreementCounts& now,
-                                                   bool far_apart) const {
+  [[nodiscard]] std::optional<Tried> bestChange(const std::vector<Pair>& pairs, const AgreementCounts& now,
+                                                bool far_apart) const {
     if (std::any_of(scans.begin(), scans.end(), [](const Scan& scan) { return !scan.pose_at; })) return std::nullopt;
-    const auto images = imagesAsTheyAre();
     const auto against = static_cast<double>(now.contradicting + now.hidden);
     const auto agreeing = static_cast<double>(now.agreeing);
-    const bool spoken_against = against > kSpokenAgainst * (agreeing + against) ||
-                                agreeing < kNothingInCommon * static_cast<double>(now.asked());
-    std::optional<PoseCure> best;
-    const auto offer = [&](const PoseCure& change) {
-      if (collapses(change) && !spoken_against) return;
-      if (!best || change.counts.score() > best->counts.score()) best = change;
+    const bool nothing_in_common = agreeing < kNothingInCommon * static_cast<double>(now.asked());
+    const bool few = scans.size() < kLeastForTimes;
+    const AgreementCounts before = count(pairs, posesAsTheyAre(), imagesAsTheyAre(), kReturnsTried);
+    std::optional<Tried> best;
+    const auto offer = [&](const std::optional<Tried>& one) {
+      if (!one || (best && one->gain() <= best->gain())) return;
+      const PoseCure& change = one->change;
+      if (change.fault == PoseFault::TimeOffset &&
+          (few || nothing_in_common || change.counts.share() < one->before.share() + kTimeShare))
+        return;
+      // Scans that see different things agree with nothing, and few of them do so by rights. A change that is to speak
+      // against poses that nothing contradicts has to explain nearly all.
+      const bool uncontradicted = now.share() >= kUncontradicted;
+      if (uncontradicted && (few || change.counts.score() < kExplainsAll)) return;
+      best = one;
     };
-    for (PoseCure change : poseChanges()) {
+    const std::vector<PoseCure> changes = poseChanges();
+    for (const PoseCure& change : changes) {
       if (change.fault == PoseFault::InverseExtrinsic && !extrinsic) continue;
-      const auto poses = changed(change);
-      if (!poses) continue;
-      change.counts = count(pairs, *poses, images, kReturnsTried);
-      offer(change);
+      if (!collapses(change)) offer(tried(change, pairs, before));
     }
+    const bool doubtful = best && best->gain() >= kDoubtfulGain;
+    if (!doubtful && !nothing_in_common && against <= kSpokenAgainst * (agreeing + against)) return best;
+    for (const PoseCure& change : changes)
+      if (collapses(change)) offer(tried(change, pairs, before));
     if (far_apart || !canBeInWorld()) return best;
-    PoseCure in_world = {PoseFault::InWorld};
-    in_world.counts = countInWorld(pairs, kReturnsTried);
-    offer(in_world);
+    Tried moved = {{PoseFault::InWorld}, before};
+    moved.change.counts = countInWorld(pairs, kReturnsTried);
+    offer(moved);
     return best;
   }
 };
@@ -309,10 +408,9 @@ void AgreementMeter::add(const ScanRecord& record, const PoseAt& pose_at) {
     known.returns_S.insert(known.returns_S.end(), scan.returns_S.begin(), scan.returns_S.end());
     return;
   }
-  if (scan.returns_S.size() < kLeastReturns || !scan.T_W_S.matrix().allFinite()) {
-    ++impl_->others;
-    return;
-  }
+  if (record.origins_W.size() > 1 && !record.deskewed) ++impl_->in_world;
+  if (scan.returns_S.size() < kLeastReturns || !scan.T_W_S.matrix().allFinite()) return;
+  scan.name = nameOf(record);
   std::vector<double> ranges_m;
   for (const Eigen::Vector3f& p_S : scan.returns_S) ranges_m.push_back(p_S.norm());
   scan.median_range_m = medianOf(std::move(ranges_m));
@@ -323,7 +421,9 @@ ScanAgreement AgreementMeter::measure() const {
   ScanAgreement result;
   result.scans = impl_->scans.size();
   if (result.scans < 2) {
-    result.why_not = impl_->others > 0 && result.scans == 0 ? "clouds in the world frame" : "a single scan";
+    result.why_not = result.scans == 1     ? "a single scan"
+                     : impl_->in_world > 0 ? "clouds in the world frame"
+                                           : "the scans have too few returns";
     return result;
   }
   impl_->makeImages();
@@ -331,16 +431,25 @@ ScanAgreement AgreementMeter::measure() const {
   const bool far_apart = pairs.size() < result.scans;
   if (far_apart) pairs = impl_->followingPairs();
   result.pairs = pairs.size();
-  result.counts = impl_->count(pairs, impl_->posesAsTheyAre(), impl_->imagesAsTheyAre(), kReturnsAsked);
-  const AgreementCounts& now = result.counts;
-  const std::uint64_t answers = now.agreeing + now.contradicting;
+  const auto as_they_are = [&] {
+    return impl_->count(pairs, impl_->posesAsTheyAre(), impl_->imagesAsTheyAre(), kReturnsAsked);
+  };
+  result.counts = as_they_are();
   result.verdict = AgreementVerdict::Usual;
-  auto best = impl_->bestChange(pairs, now, far_apart);
-  if (best) {
-    const double gain = best->counts.score() - now.score();
-    if (gain >= (collapses(*best) ? kCollapseGain : kDoubtfulGain)) {
-      result.verdict = gain >= kDisagreeGain ? AgreementVerdict::Disagree : AgreementVerdict::Doubtful;
-      result.cure = best;
+  AgreementCounts now = result.counts;
+  if (!far_apart) {
+    for (const std::size_t scan : impl_->takeOutliers(pairs)) result.outliers.push_back(impl_->scans[scan].name);
+    if (!result.outliers.empty()) {
+      result.verdict = AgreementVerdict::Doubtful;
+      now = as_they_are();  // the others
+    }
+  }
+  const std::uint64_t answers = now.agreeing + now.contradicting;
+  if (const auto best = impl_->bestChange(pairs, now, far_apart)) {
+    if (best->gain() >= (collapses(best->change) ? kCollapseGain : kDoubtfulGain)) {
+      const bool sure = now.share() < kSureShare || best->change.counts.score() >= kSureScore;
+      result.verdict = sure && best->gain() >= kDisagreeGain ? AgreementVerdict::Disagree : AgreementVerdict::Doubtful;
+      result.cure = best->change;
     }
   }
   if (answers < kLeastAnswers) {

@@ -20,10 +20,11 @@ constexpr std::size_t kLeastPatches = 60;  ///< with fewer, a few boxes decide
 constexpr std::size_t kCandidates = 200;
 constexpr double kRadian = std::numbers::pi / 180;
 constexpr double kSame_deg = 8, kTilted_deg = 10;
-constexpr double kLevelShare = 0.25;   ///< of all patches, level by the new direction
-constexpr double kExplained = 0.7;     ///< level or upright by it
-constexpr double kExplainedByZ = 0.5;  ///< z explains at most this share of what it explains
-constexpr double kLevelByZ = 0.3;      ///< and the same for what is level
+constexpr double kLevelShare = 0.25;    ///< of all patches, level by the new direction
+constexpr double kUprightShare = 0.15;  ///< upright by it: a roof or a slope alone is no floor
+constexpr double kExplained = 0.7;      ///< level or upright by it
+constexpr double kExplainedByZ = 0.5;   ///< z explains at most this share of what it explains
+constexpr double kLevelByZ = 0.3;       ///< and the same for what is level
 
 /// 21 bits per axis around the origin; what is beyond falls into the outermost cells, where few returns are.
 std::uint64_t cellOf(const Eigen::Vector3f& p, float cell_m) {
@@ -96,7 +97,8 @@ std::optional<Eigen::Vector3d> upBesideZ(const std::vector<Eigen::Vector3f>& nor
     up = normals_W[i];
   }
   const auto explains = static_cast<double>(best.all());
-  if (explains < kExplained * static_cast<double>(count) ||
+  if (static_cast<double>(best.upright) < kUprightShare * static_cast<double>(count) ||
+      explains < kExplained * static_cast<double>(count) ||
       static_cast<double>(by_z.all()) > kExplainedByZ * explains ||
       static_cast<double>(by_z.level) > kLevelByZ * static_cast<double>(best.level))
     return std::nullopt;

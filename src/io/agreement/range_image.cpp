@@ -17,6 +17,8 @@ constexpr std::array<int, 9> kEdges = {128, 90, 64, 45, 32, 22, 16, 11, 8};
 constexpr std::size_t kReturnsPerCell = 2;
 /// Cells of the 3 x 3 around a direction that must have returns, so that a gap between rays does not count as free.
 constexpr int kCellsAround = 4;
+/// Rows of a scanner may be so many cells apart.
+constexpr int kGapCells = 4;
 
 struct FaceCell {
   int face, column, row;
@@ -67,6 +69,15 @@ RangeImage::RangeImage(const std::vector<Eigen::Vector3f>& returns_S) {
   width_rad_ = std::numbers::pi_v<float> / 2 / static_cast<float>(edge_cells_);
 }
 
+bool RangeImage::seesAround(const Eigen::Vector3f& p_S) const {
+  const FaceCell cell = faceCell(p_S, edge_cells_);
+  for (int row = std::max(0, cell.row - kGapCells); row <= std::min(edge_cells_ - 1, cell.row + kGapCells); ++row)
+    for (int column = std::max(0, cell.column - kGapCells);
+         column <= std::min(edge_cells_ - 1, cell.column + kGapCells); ++column)
+      if (cells_[indexOf({cell.face, column, row}, stride_)].farthest > 0) return true;
+  return false;
+}
+
 RangeImage::Answer RangeImage::at(const Eigen::Vector3f& p_S, float three_sigma_m) const {
   const float range_m = p_S.norm();
   if (!(range_m > 0) || !(range_m < std::numeric_limits<float>::infinity())) return Answer::Nothing;
@@ -84,10 +95,10 @@ RangeImage::Answer RangeImage::at(const Eigen::Vector3f& p_S, float three_sigma_
       farthest = std::max(farthest, cell.farthest);
     }
   }
-  if (occupied == 0) return Answer::Nothing;
+  if (occupied == 0) return seesAround(p_S) ? Answer::Unknown : Answer::Nothing;
+  if (occupied < kCellsAround || cells_[middle].farthest == 0) return Answer::Unknown;
   if (farthest < range_m) return Answer::Hidden;
-  if (nearest > range_m && occupied >= kCellsAround && cells_[middle].farthest > 0) return Answer::Free;
-  return Answer::Nothing;  // an edge, or the rim of what the scan sees
+  return nearest > range_m ? Answer::Free : Answer::Unknown;
 }
 
 }  // namespace accessvdb::io

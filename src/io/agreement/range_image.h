@@ -12,7 +12,13 @@ namespace accessvdb::io {
 
 class RangeImage {
  public:
-  enum class Answer { Surface, Free, Hidden, Nothing };
+  enum class Answer {
+    Surface,
+    Free,
+    Hidden,
+    Nothing,  ///< the scan has no return around that direction
+    Unknown   ///< between the rows of a scanner, at an edge, at the rim of what the scan sees
+  };
 
   /// @param returns_S  finite, none at the origin
   explicit RangeImage(const std::vector<Eigen::Vector3f>& returns_S);
@@ -25,6 +31,8 @@ class RangeImage {
     float nearest, farthest;
   };
 
+  /// Whether there are returns within a few cells of that direction.
+  [[nodiscard]] bool seesAround(const Eigen::Vector3f& p_S) const;
   [[nodiscard]] std::size_t cellOf(const Eigen::Vector3f& p_S) const;
 
   int edge_cells_ = 0;  ///< of one face of the cube

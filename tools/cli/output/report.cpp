@@ -88,6 +88,7 @@ Json jsonAgreement(const io::ScanAgreement& agreement) {
   json["contradicting"] = counts.contradicting;
   json["hidden"] = counts.hidden;
   json["beside"] = counts.beside;
+  if (!agreement.outliers.empty()) json["outliers"] = agreement.outliers;
   return json;
 }
 

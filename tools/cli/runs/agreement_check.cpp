@@ -43,6 +43,15 @@ std::optional<Doubt> doubtOf(const io::ScanAgreement& agreement) {
     return std::nullopt;
   const io::AgreementCounts& counts = agreement.counts;
   const auto score = [](const io::AgreementCounts& of) { return std::to_string(std::lround(100 * of.score())); };
+  if (!agreement.outliers.empty() && !agreement.cure) {
+    std::string names;
+    for (const std::string& name : agreement.outliers) names += (names.empty() ? "" : ", ") + name;
+    const bool one = agreement.outliers.size() == 1;
+    return Doubt{std::to_string(agreement.outliers.size()) + " of " + std::to_string(agreement.scans) +
+                     " scans compared " + (one ? "does" : "do") + " not agree with the others (" + names + ")",
+                 one ? "Its pose is wrong, or the scan itself: leave it out, or correct its pose"
+                     : "Their poses are wrong, or the scans themselves: leave them out, or correct their poses"};
+  }
   Doubt doubt = {"the scans do not agree: of " + std::to_string(counts.asked()) + " returns, " +
                      std::to_string(counts.agreeing) + " lie where another scan has a surface, and " +
                      std::to_string(counts.contradicting) + " where it saw free space",
