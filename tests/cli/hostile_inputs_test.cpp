@@ -127,7 +127,8 @@ TEST_F(HostileInputs, TextThatIsNotUtf8) {
   const ProgramResult diff = runProgram({"diff", path("out"), path("after"), "--json", "--allow-changed"});
   EXPECT_EQ(diff.exit_code, 0) << diff.err;
   EXPECT_TRUE(nlohmann::json::accept(diff.out)) << diff.out;
-  const ProgramResult written = runProgram({"diff", path("out"), path("after"), "--out", path("changes"), "--allow-changed"});
+  const ProgramResult written =
+      runProgram({"diff", path("out"), path("after"), "--out", path("changes"), "--allow-changed"});
   EXPECT_EQ(written.exit_code, 0) << written.err;
   EXPECT_TRUE(nlohmann::json::accept(readText("changes/diff.json")));
 

@@ -13,7 +13,7 @@
 #include "accessvdb/program/scan_agreement.h"
 #include "io/agreement/level_surfaces.h"
 #include "io/agreement/pose_changes.h"
-#include "io/agreement/range_image.h"
+#include "io/agreement/scan_view.h"
 #include "io/streams/input_file.h"
 
 namespace accessvdb::io {
@@ -57,7 +57,7 @@ struct Scan {
   AgreementMeter::PoseAt pose_at;
   double median_range_m = 0;
   std::string name;
-  std::unique_ptr<RangeImage> image;
+  std::unique_ptr<ScanView> image;
 };
 
 struct Pair {
@@ -142,7 +142,7 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
 
   void makeImages() {
     tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
-      if (!scans[i].image) scans[i].image = std::make_unique<RangeImage>(scans[i].returns_S);
+      if (!scans[i].image) scans[i].image = std::make_unique<ScanView>(scans[i].returns_S);
     });
   }
 
@@ -168,7 +168,7 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
 
   /// Integer sums, so the order of the pairs does not matter.
   [[nodiscard]] AgreementCounts count(const std::vector<Pair>& pairs, const std::vector<Eigen::Isometry3d>& T_W_S,
-                                      const std::vector<const RangeImage*>& images, std::size_t asked) const {
+                                      const std::vector<const ScanView*>& images, std::size_t asked) const {
     return tbb::parallel_reduce(
         tbb::blocked_range<std::size_t>(0, pairs.size(), 4), AgreementCounts{},
         [&](const tbb::blocked_range<std::size_t>& range, AgreementCounts counts) {
@@ -179,19 +179,19 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
             const std::size_t stride = strideFor(returns_S.size(), asked);
             for (std::size_t k = 0; k < returns_S.size(); k += stride) {
               switch (images[pair.to]->at(T * returns_S[k], three_sigma_m)) {
-                case RangeImage::Answer::Surface:
+                case ScanView::Answer::Surface:
                   ++counts.agreeing;
                   break;
-                case RangeImage::Answer::Free:
+                case ScanView::Answer::Free:
                   ++counts.contradicting;
                   break;
-                case RangeImage::Answer::Hidden:
+                case ScanView::Answer::Hidden:
                   ++counts.hidden;
                   break;
-                case RangeImage::Answer::Nothing:
+                case ScanView::Answer::Nothing:
                   ++counts.beside;
                   break;
-                case RangeImage::Answer::Unknown:
+                case ScanView::Answer::Unknown:
                   break;
               }
             }
@@ -209,8 +209,8 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
     for (const Scan& scan : scans) poses.push_back(scan.T_W_S);
     return poses;
   }
-  [[nodiscard]] std::vector<const RangeImage*> imagesAsTheyAre() const {
-    std::vector<const RangeImage*> images;
+  [[nodiscard]] std::vector<const ScanView*> imagesAsTheyAre() const {
+    std::vector<const ScanView*> images;
     for (const Scan& scan : scans) images.push_back(scan.image.get());
     return images;
   }
@@ -285,21 +285,21 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   }
 
   [[nodiscard]] AgreementCounts countInWorld(const std::vector<Pair>& pairs, std::size_t asked) const {
-    std::vector<std::unique_ptr<RangeImage>> images(scans.size());
-    std::vector<const RangeImage*> views;
+    std::vector<std::unique_ptr<ScanView>> images(scans.size());
+    std::vector<const ScanView*> views;
     std::vector<Eigen::Isometry3d> poses;
     tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
       std::vector<Eigen::Vector3f> from_sensor;
       const Eigen::Vector3f sensor = scans[i].T_W_S.translation().cast<float>();
       for (const Eigen::Vector3f& p : scans[i].returns_S)
         if ((p - sensor).norm() > kNoReturn_m) from_sensor.push_back(p - sensor);
-      images[i] = std::make_unique<RangeImage>(from_sensor);
+      images[i] = std::make_unique<ScanView>(from_sensor);
     });
     for (std::size_t i = 0; i < scans.size(); ++i) views.push_back(images[i].get());
     return countMoved(pairs, views, asked);
   }
   /// Points in the world frame, in images around the sensors.
-  [[nodiscard]] AgreementCounts countMoved(const std::vector<Pair>& pairs, const std::vector<const RangeImage*>& images,
+  [[nodiscard]] AgreementCounts countMoved(const std::vector<Pair>& pairs, const std::vector<const ScanView*>& images,
                                            std::size_t asked) const {
     AgreementCounts counts;
     for (const Pair& pair : pairs) {
@@ -308,11 +308,11 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
       const std::size_t stride = strideFor(returns.size(), asked);
       for (std::size_t k = 0; k < returns.size(); k += stride) {
         if ((returns[k] - scans[pair.from].T_W_S.translation().cast<float>()).norm() <= kNoReturn_m) continue;
-        const RangeImage::Answer answer = images[pair.to]->at(returns[k] - sensor, three_sigma_m);
-        counts.agreeing += answer == RangeImage::Answer::Surface ? 1 : 0;
-        counts.contradicting += answer == RangeImage::Answer::Free ? 1 : 0;
-        counts.hidden += answer == RangeImage::Answer::Hidden ? 1 : 0;
-        counts.beside += answer == RangeImage::Answer::Nothing ? 1 : 0;
+        const ScanView::Answer answer = images[pair.to]->at(returns[k] - sensor, three_sigma_m);
+        counts.agreeing += answer == ScanView::Answer::Surface ? 1 : 0;
+        counts.contradicting += answer == ScanView::Answer::Free ? 1 : 0;
+        counts.hidden += answer == ScanView::Answer::Hidden ? 1 : 0;
+        counts.beside += answer == ScanView::Answer::Nothing ? 1 : 0;
       }
     }
     return counts;

@@ -12,7 +12,7 @@
 
 #include "io/agreement/level_surfaces.h"
 #include "io/agreement/pose_changes.h"
-#include "io/agreement/range_image.h"
+#include "io/agreement/scan_view.h"
 
 namespace accessvdb::io {
 namespace {
@@ -227,19 +227,19 @@ TEST(ScanAgreement, CloudsInTheWorldFrameAreComparedByScanner) {
   EXPECT_EQ(meter.measure().verdict, AgreementVerdict::Usual);
 }
 
-TEST(RangeImage, TellsWhatIsSeenThroughHiddenAndBeside) {
+TEST(ScanView, TellsWhatIsSeenThroughHiddenAndBeside) {
   std::vector<Eigen::Vector3f> wall;
   for (int y = -100; y <= 100; ++y)
     for (int z = -100; z <= 100; ++z) wall.emplace_back(4.0F, 0.01F * y, 0.01F * z);
-  const RangeImage image(wall);
-  EXPECT_EQ(image.at({4, 0.2F, 0.3F}, 0.03F), RangeImage::Answer::Surface);
-  EXPECT_EQ(image.at({4.02F, 0.2F, 0.3F}, 0.03F), RangeImage::Answer::Surface);
-  EXPECT_EQ(image.at({3, 0.2F, 0.3F}, 0.03F), RangeImage::Answer::Free);
-  EXPECT_EQ(image.at({5, 0.2F, 0.3F}, 0.03F), RangeImage::Answer::Hidden);
-  EXPECT_EQ(image.at({-4, 0.2F, 0.3F}, 0.03F), RangeImage::Answer::Nothing);
-  EXPECT_EQ(image.at({0, 0, 4}, 0.03F), RangeImage::Answer::Nothing);
-  EXPECT_EQ(image.at({0, 0, 0}, 0.03F), RangeImage::Answer::Nothing);
-  EXPECT_EQ(image.at(Eigen::Vector3f::Constant(std::nanf("")), 0.03F), RangeImage::Answer::Nothing);
+  const ScanView image(wall);
+  EXPECT_EQ(image.at({4, 0.2F, 0.3F}, 0.03F), ScanView::Answer::Surface);
+  EXPECT_EQ(image.at({4.02F, 0.2F, 0.3F}, 0.03F), ScanView::Answer::Surface);
+  EXPECT_EQ(image.at({3, 0.2F, 0.3F}, 0.03F), ScanView::Answer::Free);
+  EXPECT_EQ(image.at({5, 0.2F, 0.3F}, 0.03F), ScanView::Answer::Hidden);
+  EXPECT_EQ(image.at({-4, 0.2F, 0.3F}, 0.03F), ScanView::Answer::Nothing);
+  EXPECT_EQ(image.at({0, 0, 4}, 0.03F), ScanView::Answer::Nothing);
+  EXPECT_EQ(image.at({0, 0, 0}, 0.03F), ScanView::Answer::Nothing);
+  EXPECT_EQ(image.at(Eigen::Vector3f::Constant(std::nanf("")), 0.03F), ScanView::Answer::Nothing);
 }
 
 /// Floor, walls and ceiling of the room, turned.

@@ -10,7 +10,7 @@
 
 namespace accessvdb::io {
 
-class RangeImage {
+class ScanView {
  public:
   enum class Answer {
     Surface,
@@ -21,7 +21,7 @@ class RangeImage {
   };
 
   /// @param returns_S  finite, none at the origin
-  explicit RangeImage(const std::vector<Eigen::Vector3f>& returns_S);
+  explicit ScanView(const std::vector<Eigen::Vector3f>& returns_S);
 
   /// Free only where returns all around lie beyond p by more than the tolerance: three sigma and the cells' width.
   [[nodiscard]] Answer at(const Eigen::Vector3f& p_S, float three_sigma_m) const;

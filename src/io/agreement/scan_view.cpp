@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/agreement/range_image.h"
+#include "io/agreement/scan_view.h"
 
 #include <algorithm>
 #include <array>
@@ -47,11 +47,9 @@ std::size_t indexOf(const FaceCell& cell, int stride) {
 
 }  // namespace
 
-std::size_t RangeImage::cellOf(const Eigen::Vector3f& p_S) const {
-  return indexOf(faceCell(p_S, edge_cells_), stride_);
-}
+std::size_t ScanView::cellOf(const Eigen::Vector3f& p_S) const { return indexOf(faceCell(p_S, edge_cells_), stride_); }
 
-RangeImage::RangeImage(const std::vector<Eigen::Vector3f>& returns_S) {
+ScanView::ScanView(const std::vector<Eigen::Vector3f>& returns_S) {
   constexpr Span kNone = {std::numeric_limits<float>::infinity(), 0};
   for (const int edge : kEdges) {
     edge_cells_ = edge;
@@ -69,7 +67,7 @@ RangeImage::RangeImage(const std::vector<Eigen::Vector3f>& returns_S) {
   width_rad_ = std::numbers::pi_v<float> / 2 / static_cast<float>(edge_cells_);
 }
 
-bool RangeImage::seesAround(const Eigen::Vector3f& p_S) const {
+bool ScanView::seesAround(const Eigen::Vector3f& p_S) const {
   const FaceCell cell = faceCell(p_S, edge_cells_);
   for (int row = std::max(0, cell.row - kGapCells); row <= std::min(edge_cells_ - 1, cell.row + kGapCells); ++row)
     for (int column = std::max(0, cell.column - kGapCells);
@@ -78,7 +76,7 @@ bool RangeImage::seesAround(const Eigen::Vector3f& p_S) const {
   return false;
 }
 
-RangeImage::Answer RangeImage::at(const Eigen::Vector3f& p_S, float three_sigma_m) const {
+ScanView::Answer ScanView::at(const Eigen::Vector3f& p_S, float three_sigma_m) const {
   const float range_m = p_S.norm();
   if (!(range_m > 0) || !(range_m < std::numeric_limits<float>::infinity())) return Answer::Nothing;
   const float tolerance_m = three_sigma_m + width_rad_ * range_m;
