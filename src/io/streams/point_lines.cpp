@@ -52,7 +52,8 @@ char separatorOfNames(std::string_view line) {
   return 0;
 }
 
-/// As splitCells, with names that have blanks. Several tabs are one: they line up columns.
+/// As splitCells, with names that have blanks. Several tabs are one: they line up columns. One at the beginning is
+/// behind the name of an index, which has none.
 void splitNames(std::string_view line, char separator, std::vector<std::string_view>& cells) {
   cells.clear();
   for (std::size_t begin = 0; begin < line.size();) {
@@ -60,7 +61,7 @@ void splitNames(std::string_view line, char separator, std::vector<std::string_v
     const std::size_t quote = first < line.size() && line[first] == '"' ? line.find('"', first + 1) : first;
     const std::size_t end = std::min(line.find(separator, std::min(quote, line.size())), line.size());
     const std::string_view cell = withoutQuotes(withoutQuotes(line.substr(first, end - first)));
-    if (!cell.empty() || (separator != '\t' && end < line.size())) cells.push_back(cell);
+    if (!cell.empty() || (end < line.size() && (separator != '\t' || begin == 0))) cells.push_back(cell);
     begin = end + 1;
   }
 }
@@ -119,6 +120,7 @@ constexpr ColumnName kColumnNames[] = {{"x", 0},
                                        {"easting", 0},
                                        {"northing", 1},
                                        {"elevation", 2},
+                                       {"elev", 2},
                                        {"east", 0},
                                        {"north", 1},
                                        {"height", 2},
@@ -160,6 +162,7 @@ std::optional<std::string_view> commentIn(std::string_view line) {
 }  // namespace
 
 std::optional<PointLines::Names> PointLines::namesIn(std::string_view line, bool comment) const {
+  if (comment) line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
   const char separator = separatorOfNames(line);
   if (separator != 0)
     if (auto names = namesIn(line, separator, comment)) return names;
@@ -279,7 +282,8 @@ bool PointLines::next(Eigen::Vector3d& p) {
       return false;
     }
     double number = 0;
-    if (points_ == 0 && !parseValue(values_[0], number)) {
+    const bool index_without_name = values_.size() > 1 && values_[0].empty() && !parseValue(values_[1], number);
+    if (points_ == 0 && (index_without_name || !parseValue(values_[0], number))) {
       readHeading(line);
       continue;
     }
@@ -337,7 +341,7 @@ void PointLines::refuseDegrees() const {
   const std::size_t decimals = std::min(extent_.decimals[0], extent_.decimals[1]);
   if (decimals < kDecimals) return;
   // Nothing that is scanned in metres is a thousand times as high as it is wide, or finer across than along z.
-  const bool finer = decimals >= extent_.decimals[2] + 2 && size.z() > 100 * wide;
+  const bool finer = decimals > kDecimals && decimals >= extent_.decimals[2] + 2 && size.z() > 100 * wide;
   if (size.z() <= 1000 * wide && !finer) return;
   throw InputError("input.geographic", lines_.subject(),
                    "does not say what its coordinates are, and they look like latitude and longitude in degrees",

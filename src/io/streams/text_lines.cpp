@@ -140,13 +140,13 @@ void LineReader::failCarriageReturns() const {
 }
 
 void LineReader::refuseCommasInNumbers(std::string_view line) const {
-  if (hasDecimalCommas(line))
-    throw InputError("input.decimal_comma", subject_, "line " + std::to_string(number_) + " has decimal commas",
-                     "Write decimal points, with blanks or semicolons between the numbers");
   if (hasThousandsSeparators(line))
     throw InputError("input.thousands_separator", subject_,
                      "line " + std::to_string(number_) + " has numbers with separators between thousands",
                      "Write them without: 4002.345, not 4,002.345");
+  if (hasDecimalCommas(line))
+    throw InputError("input.decimal_comma", subject_, "line " + std::to_string(number_) + " has decimal commas",
+                     "Write decimal points, with blanks or semicolons between the numbers");
 }
 
 void LineReader::splitNumbers(std::string_view line, std::vector<std::string_view>& tokens) const {

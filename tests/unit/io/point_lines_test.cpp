@@ -55,11 +55,12 @@ TEST(PointLines, NamesMayHaveBlanksAndUnitsOfTheirOwn) {
         "TIMESTAMP (ns), RANGE (mm), X (m), Y (m), Z (m)\n1, 2000, 2.5, -1.25, 3\n1, 2000, 1, 2, .5\n",
         "intensity (dB),x,y,z\n7,2.5,-1.25,3\n7,1,2,.5\n", "time (ns) x (m) y (m) z (m)\n7 2.5 -1.25 3\n7 1 2 .5\n",
         "# Point No, X, Y, Z\n7,2.5,-1.25,3\n8,1,2,.5\n", "X,Y,Z,Return Number,GPS Time\n2.5,-1.25,3,1,7\n1,2,.5,1,7\n",
-        "X Y Z,intensity (dB)\n2.5 -1.25 3,7\n1 2 .5,7\n", "# R G B,X,Y,Z\n9 9 9,2.5,-1.25,3\n9 9 9,1,2,.5\n",
-        ",x,y,z\n0,2.5,-1.25,3\n1,1,2,.5\n", "N;E;H\n-1.25;2.5;3\n2;1;.5\n",
-        "X\t\tY\t\tZ\n2.5\t\t-1.25\t\t3\n1\t\t2\t\t.5\n"})
+        "X Y Z,intensity (dB)\n2.5 -1.25 3 7\n1 2 .5 7\n", "# R G B,X,Y,Z\n9 9 9 2.5 -1.25 3\n9 9 9 1 2 .5\n",
+        ",x,y,z\n0,2.5,-1.25,3\n1,1,2,.5\n", "\tx\ty\tz\n0\t2.5\t-1.25\t3\n1\t1\t2\t.5\n",
+        "\tx\ty\tz\n\t2.5\t-1.25\t3\n\t1\t2\t.5\n", "#\tX\tY\tZ\n2.5\t-1.25\t3\t7\n1\t2\t.5\t7\n",
+        "N;E;H\n-1.25;2.5;3\n2;1;.5\n", "X\t\tY\t\tZ\n2.5\t\t-1.25\t\t3\n1\t\t2\t\t.5\n"})
     expectTwoPoints(text);
-  for (const auto& [text, unit] : {std::pair("Easting (US ft);Northing (US ft);Elevation (US ft)\n1;2;3\n", "usft"),
+  for (const auto& [text, unit] : {std::pair("Easting (US ft);Northing (US ft);Elev (US ft)\n1;2;3\n", "usft"),
                                    {"E(ftUS),N(ftUS),H(ftUS)\n1,2,3\n", "ftus"},
                                    {"time (ns),X (mm),Y (mm),Z (mm)\n1,2,3,4\n", "mm"},
                                    {"X (US ft) Y (US ft) Z (US ft)\n1 2 3\n", "usft"},
@@ -93,11 +94,13 @@ TEST(PointLines, RefusesDegrees) {
   for (const auto& [x, y] : {std::pair(48.1, 11.5), {11.5, 48.1}, {-122.4, 37.7}, {-33.8, 151.2}}) {
     expectRefused(lines(1e-5, 8, x, y), "input.geographic", {"degrees"});
     expectRefused("0 0 0\n" + lines(1e-4, 7, x, y), "input.geographic", {"degrees"});
+    expectRefused(lines(1e-3, 7, x, y), "input.geographic", {"degrees"});
     expectRefused("x,y,z\n" + lines(1e-5, 8, x, y), "input.geographic", {"degrees"});
   }
-  // A post of 7 cm, one of 3 cm far from zero, a scene of metres, few decimals.
-  for (const std::string& text : {lines(0.01, 6, 2.5, 1), lines(0.005, 3, 48, 11), lines(1, 8, 48, 11),
-                                  lines(1e-4, 5, 48, 11), lines(1e-5, 8, 480, 11), lines(1e-5, 8, 100, 100)})
+  // Posts of 6 cm and of 2 cm, one far from zero, a scene of metres, few decimals.
+  for (const std::string& text :
+       {lines(0.01, 6, 2.5, 1), lines(0.003, 6, 2.5, 1), lines(0.005, 3, 48, 11), lines(1, 8, 48, 11),
+        lines(1e-4, 5, 48, 11), lines(1e-5, 8, 480, 11), lines(1e-5, 8, 100, 100)})
     EXPECT_EQ(readText(text).points.size(), 50U);
 }
 
