@@ -32,7 +32,7 @@ std::string LasFile::bytes(const std::vector<LasReturn>& returns) const {
   constexpr std::uint16_t kRecordBytes[] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
   std::string records;
   for (const auto& [id, content] : projection) {
-    std::string name = "LASF_Projection";
+    std::string name = user;
     name.resize(16, '\0');
     put(records, std::uint16_t{0});
     records += name;

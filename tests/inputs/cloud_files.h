@@ -32,8 +32,9 @@ struct LasFile {
   int format = 1;
   double scale = 1e-4, z_scale = 1e-4;
   std::uint16_t global_encoding = 0;
-  std::vector<std::pair<int, std::string>> projection = {};  ///< records of LASF_Projection
+  std::vector<std::pair<int, std::string>> projection = {};  ///< their records
   bool extended = false;                                     ///< they are behind the points
+  std::string user = "LASF_Projection";                      ///< of the records
   [[nodiscard]] std::string bytes(const std::vector<LasReturn>& returns) const;
 };
 

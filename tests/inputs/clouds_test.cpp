@@ -75,6 +75,9 @@ TEST_F(LasInputs, FeetBecomeMetres) {
   const MapOutcome right = mapWalk();
   const std::string base = "GEOGCS[\"NAD83\",UNIT[\"degree\",0.0174532925199433]]";
   const std::string survey = "UNIT[\"US survey foot\",0.304800609601219]", foot = "UNIT[\"foot\",0.3048]";
+  std::string citation = geoKeys({{1024, 1}, {1026, 0}});
+  const std::uint16_t place[] = {34737, 27, 0};
+  std::memcpy(&citation[18], place, sizeof place);
   struct Case {
     const char* what;
     LasFile las;
@@ -92,6 +95,12 @@ TEST_F(LasInputs, FeetBecomeMetres) {
         .projection = {{2112, "PROJCS[\"a\"," + base + "," + foot + "]"}},
         .extended = true},
        kFoot},
+      {"number of a projection", {.projection = {{34735, geoKeys({{1024, 1}, {3072, 6539}})}}}, kSurveyFoot},
+      {"number in international feet", {.projection = {{34735, geoKeys({{1024, 1}, {3072, 3361}})}}}, kFoot},
+      {"WKT of libLAS",
+       {.projection = {{2112, "PROJCS[\"a\"," + base + "," + survey + "]"}}, .user = "liblas"},
+       kSurveyFoot},
+      {"words", {.projection = {{34735, citation}, {34737, "NAD83 / New York LI (ftUS)|"}}}, kSurveyFoot},
   };
   for (const Case& one : cases) {
     SCOPED_TRACE(one.what);
@@ -147,6 +156,12 @@ TEST_F(LasInputs, UnitsThatCannotBeReadAreWarnedOf) {
   const MapOutcome outcome = mapWalk();
   expectRight(outcome);
   EXPECT_TRUE(outcome.warns("scans.unit")) << outcome.program.err;
+  for (const int code : {54032, 32633}) {  // of ESRI, and of EPSG
+    writeWalk({.projection = {{34735, geoKeys({{1024, 1}, {3072, code}})}}}, walkReturns(scans_));
+    const MapOutcome numbered = mapWalk();
+    expectRight(numbered);
+    EXPECT_EQ(numbered.warns("scans.unit"), code == 54032) << numbered.program.err;
+  }
 }
 
 TEST_F(LasInputs, ASmallSceneWithFineStepsIsNotInDegrees) {
@@ -156,23 +171,29 @@ TEST_F(LasInputs, ASmallSceneWithFineStepsIsNotInDegrees) {
   EXPECT_EQ(outcome.program.err.find("warning["), std::string::npos) << outcome.program.err;
 }
 
-TEST_F(LasInputs, TimesInNanoseconds) {
-  std::vector<LasReturn> returns = walkReturns(scans_);
-  std::vector<WorldScan> late = scans_;
-  writeWalk({}, returns);
+TEST_F(LasInputs, TimesInOtherUnits) {
+  writeWalk({}, walkReturns(scans_));
   const MapOutcome right = mapWalk();
-  std::string lines;
-  for (std::size_t i = 0; i < scans_.size(); ++i) {
-    const Eigen::Vector3d p = scans_[i].T_W_S.translation();
-    lines += decimals(1.7e9 + 0.1 * static_cast<double>(i)) + " " + decimals(p.x()) + " " + decimals(p.y()) + " " +
-             decimals(p.z()) + "\n";
+  struct Case {
+    double first_s, per_second;
+    const char* words;
+  };
+  for (const Case& one :
+       {Case{1.7e9, 1e9, "nanoseconds"}, {4.1e8, 1e6, "microseconds"}, {4.1e8, 1e3, "milliseconds"}}) {
+    std::string lines;
+    for (std::size_t i = 0; i < scans_.size(); ++i) {
+      const Eigen::Vector3d p = scans_[i].T_W_S.translation();
+      lines += decimals(one.first_s + 0.1 * static_cast<double>(i)) + " " + decimals(p.x()) + " " + decimals(p.y()) +
+               " " + decimals(p.z()) + "\n";
+    }
+    std::vector<LasReturn> returns = walkReturns(scans_);
+    for (LasReturn& r : returns) r.time = (r.time - 1e7 + one.first_s) * one.per_second;
+    writeBytes("walk.las", LasFile().bytes(returns));
+    writeBytes("walk.txt", lines);
+    const MapOutcome outcome = mapWalk();
+    expectSame(outcome, right);
+    EXPECT_NE(outcome.program.err.find(one.words), std::string::npos) << outcome.program.err;
   }
-  for (LasReturn& one : returns) one.time = (one.time - 1e7 + 1.7e9) * 1e9;
-  writeBytes("walk.las", LasFile().bytes(returns));
-  writeBytes("walk.txt", lines);
-  const MapOutcome outcome = mapWalk();
-  expectSame(outcome, right);
-  EXPECT_NE(outcome.program.err.find("nanoseconds"), std::string::npos) << outcome.program.err;
 }
 
 TEST_F(LasInputs, CoarseStepsAreWarnedOf) {

@@ -123,6 +123,34 @@ TEST_F(TextInputs, TextWithHeadersAndCommas) {
   EXPECT_TRUE(cut.fails("input.truncated")) << cut.program.err;
 }
 
+TEST_F(TextInputs, TextWithNamesAndNumbersOfOthers) {
+  std::string plain, driver = "TIMESTAMP (ns), LiDAR Index, X (m), Y (m), Z (m)\n",
+                     feet = "E (US ft);N (US ft);H (US ft)\n", thousands, degrees, old;
+  for (const Eigen::Vector3d& p : scans_[0].points_W) {
+    const std::string y = decimals(p.y()), z = decimals(p.z());
+    plain += decimals(p.x()) + " " + y + " " + z + "\n";
+    driver += "1, 0, " + decimals(p.x()) + ", " + y + ", " + z + "\n";
+    feet += decimals(p.x() / 0.3048) + ";" + y + ";" + z + "\n";
+    thousands += "4,00" + decimals(std::abs(p.x())) + " " + y + " " + z + "\n";
+    degrees += decimals(48 + p.x() / 111000) + " " + decimals(11 + p.y() / 74000) + " " + z + "\n";
+  }
+  for (int i = 0; i < 3; ++i)  // more than a line may have
+    for (const char c : plain) old += c == '\n' ? '\r' : c;
+  const MapOutcome right = mapText(plain), named = mapText(driver);
+  EXPECT_EQ(named.program.exit_code, 0) << named.program.err;
+  EXPECT_EQ(named.points, right.points);
+  EXPECT_EQ(named.accessible, right.accessible);
+  for (const auto& [text, id] : {std::pair(feet, "input.unit"),
+                                 {thousands, "input.thousands_separator"},
+                                 {degrees, "input.geographic"},
+                                 {old, "input.malformed"}}) {
+    const MapOutcome outcome = mapText(text);
+    EXPECT_EQ(outcome.program.exit_code, 3) << id;
+    EXPECT_TRUE(outcome.fails(id)) << outcome.program.err;
+  }
+  EXPECT_NE(mapText(old).program.err.find("mac2unix"), std::string::npos);
+}
+
 TEST_F(TextInputs, BinOfOtherRecords) {
   int n = 0;
   const auto ring = [&n] { return static_cast<float>(n++ % 32); };

@@ -34,17 +34,21 @@ void takeProjection(ByteSource& file, const LasRecordList& list, LasProjection& 
   for (std::uint64_t i = 0; i < list.count; ++i) {
     const std::string_view head = file.view(at, static_cast<std::size_t>(head_bytes));
     if (head.size() < head_bytes || list.end - at < head_bytes) return void(to.cut_off = true);
-    const bool projection = head.substr(2, 15) == "LASF_Projection" && (head[17] == '\0' || head[17] == ' ');
+    const std::string_view user =
+        head.substr(2, 16).substr(0, head.substr(2, 16).find_last_not_of(std::string_view("\0 ", 2)) + 1);
+    // WKT of before LAS 1.4, which writers with libLAS still have.
+    const bool liblas = user == "liblas";
     const int id = loadScalar<std::uint16_t>(&head[18]);
     const std::uint64_t bytes =
         list.extended ? loadScalar<std::uint64_t>(&head[20]) : loadScalar<std::uint16_t>(&head[20]);
     at += head_bytes;
     if (bytes > list.end - at) return void(to.cut_off = true);
-    std::optional<std::string>* const wanted = !projection   ? nullptr
-                                               : id == 34735 ? &to.geo_keys
-                                               : id == 34736 ? &to.geo_doubles
-                                               : id == 2112  ? &to.wkt
-                                                             : nullptr;
+    std::optional<std::string>* const wanted = !(user == "LASF_Projection" || (liblas && id == 2112)) ? nullptr
+                                               : id == 34735                                          ? &to.geo_keys
+                                               : id == 34736                                          ? &to.geo_doubles
+                                               : id == 34737                                          ? &to.geo_texts
+                                               : id == 2112                                           ? &to.wkt
+                                                                                                      : nullptr;
     if (wanted != nullptr && bytes <= kMostBytes && !*wanted) {
       const std::string_view body = file.view(at, static_cast<std::size_t>(bytes));
       if (body.size() < bytes) return void(to.cut_off = true);

@@ -9,6 +9,7 @@
 #include <map>
 
 #include "accessvdb/error.h"
+#include "io/clouds/epsg_units.h"
 #include "io/clouds/scalar_type.h"
 #include "io/clouds/wkt_tree.h"
 #include "io/streams/input_file.h"
@@ -57,22 +58,19 @@ const CodedUnit* unitOfLength(double metres) {
   return nullptr;
 }
 
-/// Units of state planes of which only the number is given: EPSG 2222 to 2289 (NAD83) and 2867 to 2930 (HARN) are all
-/// in feet, these of them in international ones.
-const CodedUnit* unitOfProjection(int epsg) {
-  const auto in = [epsg](int first, int last) { return epsg >= first && epsg <= last; };
-  if (!in(2222, 2289) && !in(2867, 2930)) return nullptr;
-  const bool international = in(2222, 2224) || in(2251, 2253) || epsg == 2256 || in(2265, 2266) || in(2269, 2270) ||
-                             epsg == 2273 || in(2280, 2282) || in(2867, 2869) || in(2896, 2898) || epsg == 2901 ||
-                             in(2909, 2910) || in(2913, 2914) || in(2921, 2923);
-  return &kCodedUnits[international ? 1 : 2];
+const CodedUnit* unitOfCode(int code) {
+  const auto known = std::find_if(std::begin(kCodedUnits), std::end(kCodedUnits),
+                                  [code](const CodedUnit& unit) { return unit.code == code; });
+  return known == std::end(kCodedUnits) ? nullptr : known;
 }
 
-const CodedUnit* unitOfHeights(int epsg) {
-  if (epsg == 5703 || epsg == 5701 || epsg == 5773 || epsg == 3855) return &kCodedUnits[0];
-  if (epsg == 8228) return &kCodedUnits[1];
-  if (epsg == 6360 || epsg == 5702) return &kCodedUnits[2];
-  return nullptr;
+/// The unit of what EPSG numbers. @param unit  0: null
+const CodedUnit* unitOfEpsg(int unit, int code, const std::string& subject, const char* of) {
+  if (unit == 0) return nullptr;
+  const CodedUnit* const known = unitOfCode(unit);
+  if (known != nullptr && known->metres > 0) return known;
+  refuseUnit(subject, std::string("has ") + of + " in " + (known != nullptr ? known->name : "a unit of another kind") +
+                          " (EPSG:" + std::to_string(code) + " by its GeoKeys)");
 }
 
 LasUnits unitsFrom(const CodedUnit& horizontal, const CodedUnit& vertical) {
@@ -84,10 +82,11 @@ LasUnits unitsFrom(const CodedUnit& horizontal, const CodedUnit& vertical) {
   return units;
 }
 
-/// Values of GeoKeys that are in the directory itself, and those of the list of doubles.
+/// Values of GeoKeys that are in the directory itself, in the list of doubles, and in the text.
 struct GeoKeys {
   std::map<int, int> values = {};
   std::map<int, double> doubles = {};
+  std::map<int, std::string> texts = {};
 
   [[nodiscard]] int value(int key) const {
     const auto found = values.find(key);
@@ -95,7 +94,7 @@ struct GeoKeys {
   }
 };
 
-std::optional<GeoKeys> geoKeysOf(const std::string& directory, const std::string& doubles) {
+std::optional<GeoKeys> geoKeysOf(const std::string& directory, const std::string& doubles, const std::string& texts) {
   constexpr std::size_t kEntry = 8;
   const auto number = [&](std::size_t at) { return int{loadScalar<std::uint16_t>(directory.data() + at)}; };
   if (directory.size() < kEntry) return std::nullopt;
@@ -108,28 +107,59 @@ std::optional<GeoKeys> geoKeysOf(const std::string& directory, const std::string
     const auto offset = sizeof(double) * static_cast<std::size_t>(value);
     if (place == 34736 && offset + sizeof(double) <= doubles.size())
       keys.doubles[key] = loadScalar<double>(doubles.data() + offset);
+    const auto begin = static_cast<std::size_t>(value);
+    if (place == 34737 && begin < texts.size())
+      keys.texts[key] = texts.substr(begin, static_cast<std::size_t>(number(kEntry * i + 4)));
   }
   return keys;
 }
 
-constexpr int kModelType = 1024, kGeographicType = 2048, kProjectedType = 3072, kLinearUnits = 3076,
-              kLinearUnitSize = 3077, kVerticalType = 4096, kVerticalUnits = 4099, kUserDefined = 32767;
+constexpr int kModelType = 1024, kCitation = 1026, kGeographicType = 2048, kProjectedType = 3072,
+              kProjectedCitation = 3073, kLinearUnits = 3076, kLinearUnitSize = 3077, kVerticalType = 4096,
+              kVerticalCitation = 4097, kVerticalUnits = 4099, kUserDefined = 32767;
+
+/// The unit that a text has among its words: "NAD83 / Texas Central (ftUS)", "Units: US Survey Feet".
+/// @param both  set where it has metres and feet: then it is not known which are of what
+const CodedUnit* unitInWords(const std::string& text, bool& both) {
+  bool metres = false, feet = false, survey = false;
+  std::string word, before;
+  for (const char c : inLowerCase(text) + " ") {
+    if (c >= 'a' && c <= 'z') {
+      word += c;
+      continue;
+    }
+    if (word.empty()) continue;
+    const auto is = [&word](std::initializer_list<std::string_view> words) {
+      return std::find(words.begin(), words.end(), word) != words.end();
+    };
+    metres = metres || is({"m", "metre", "metres", "meter", "meters"});
+    const bool of_survey = is({"ftus", "usft", "sft", "usfoot", "usfeet", "footus", "feetus"});
+    feet = feet || of_survey || is({"ft", "foot", "feet", "ift", "intft", "ftint", "footintl", "feetintl"});
+    // "US survey foot", "Foot_US", "US ft"
+    const bool us_foot = (is({"us"}) && (before == "foot" || before == "feet" || before == "ft")) ||
+                         (is({"ft", "foot", "feet"}) && (before == "us" || before == "survey"));
+    survey = survey || of_survey || us_foot;
+    before = word;
+    word.clear();
+  }
+  both = both || (metres && feet);
+  if (metres == feet) return nullptr;
+  return unitOfCode(metres ? kEpsgMetre : survey ? kEpsgSurveyFoot : kEpsgFoot);
+}
 
 /// @return null where the keys do not say it
 const CodedUnit* unitOfKey(const GeoKeys& keys, int key, const std::string& subject, const char* of) {
   const int code = keys.value(key);
   if (code == 0) return nullptr;
-  const auto known = std::find_if(std::begin(kCodedUnits), std::end(kCodedUnits),
-                                  [code](const CodedUnit& unit) { return unit.code == code; });
-  if (known != std::end(kCodedUnits) && known->metres > 0) return known;
+  const CodedUnit* const known = unitOfCode(code);
+  if (known != nullptr && known->metres > 0) return known;
   if (code == kUserDefined && key == kLinearUnits) {
     const auto size = keys.doubles.find(kLinearUnitSize);
     const CodedUnit* const unit = size == keys.doubles.end() ? nullptr : unitOfLength(size->second);
     if (unit != nullptr) return unit;
   }
-  refuseUnit(subject, std::string("has ") + of + " in " +
-                          (known != std::end(kCodedUnits) ? known->name : "a unit of another kind") + " (" +
-                          std::to_string(code) + " by its GeoKeys)");
+  refuseUnit(subject, std::string("has ") + of + " in " + (known != nullptr ? known->name : "a unit of another kind") +
+                          " (" + std::to_string(code) + " by its GeoKeys)");
 }
 
 LasUnits unitsOfKeys(const GeoKeys& keys, const std::string& subject) {
@@ -137,12 +167,30 @@ LasUnits unitsOfKeys(const GeoKeys& keys, const std::string& subject) {
   const bool only_geographic = model != 1 && keys.value(kGeographicType) != 0 && keys.value(kProjectedType) == 0 &&
                                keys.value(kLinearUnits) == 0;
   if (model == 2 || model == 3 || only_geographic) refuseGeographic(subject, "its GeoKeys", model == 3);
+  // What the keys say counts before what the number of a system means, and this before words.
+  bool unclear = false;
+  const auto inWords = [&](int key) {
+    const auto text = keys.texts.find(key);
+    return text == keys.texts.end() ? nullptr : unitInWords(text->second, unclear);
+  };
+  const int projected = keys.value(kProjectedType), heights = keys.value(kVerticalType);
   const CodedUnit* horizontal = unitOfKey(keys, kLinearUnits, subject, "coordinates");
-  if (horizontal == nullptr) horizontal = unitOfProjection(keys.value(kProjectedType));
+  if (horizontal == nullptr)
+    horizontal = unitOfEpsg(epsgUnitOfProjection(projected), projected, subject, "coordinates");
+  for (const int key : {kProjectedCitation, kCitation})
+    if (horizontal == nullptr) horizontal = inWords(key);
+  const bool assumed = horizontal == nullptr && (unclear || (projected != 0 && projected != kUserDefined));
+  if (horizontal == nullptr) horizontal = unitOfCode(kEpsgMetre);
   const CodedUnit* vertical = unitOfKey(keys, kVerticalUnits, subject, "heights");
-  if (vertical == nullptr) vertical = unitOfHeights(keys.value(kVerticalType));
-  if (horizontal == nullptr) horizontal = &kCodedUnits[0];
-  return unitsFrom(*horizontal, vertical != nullptr ? *vertical : *horizontal);
+  if (vertical == nullptr) vertical = unitOfEpsg(epsgUnitOfHeights(heights), heights, subject, "heights");
+  if (vertical == nullptr) vertical = inWords(kVerticalCitation);
+  LasUnits units = unitsFrom(*horizontal, vertical != nullptr ? *vertical : *horizontal);
+  if (assumed)
+    units.doubt =
+        (projected != 0 ? "the unit of its projection (" + std::to_string(projected) + " by its GeoKeys) is not said: "
+                        : std::string("its GeoKeys name metres and feet: ")) +
+        "coordinates are taken to be in metres";
+  return units;
 }
 
 std::string unitName(const WktNode& unit) {
@@ -209,7 +257,8 @@ LasUnits lasUnits(const LasProjection& projection, const std::string& subject) {
     units.doubt = "its list of records is damaged, and none before the damage says the unit: it is taken to be metres";
   const auto ofKeys = [&]() -> std::optional<LasUnits> {
     if (!projection.geo_keys) return std::nullopt;
-    const auto keys = geoKeysOf(*projection.geo_keys, projection.geo_doubles.value_or(""));
+    const auto keys =
+        geoKeysOf(*projection.geo_keys, projection.geo_doubles.value_or(""), projection.geo_texts.value_or(""));
     if (keys) return unitsOfKeys(*keys, subject);
     units.doubt = "its GeoKeys cannot be read: coordinates are taken to be in metres";
     return std::nullopt;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a LAS file says about its coordinates: GeoKeys (VLR 34735) or WKT (VLR 2112), of which the header says which
-/// counts.
+/// What a LAS file says about its coordinates: GeoKeys (VLR 34735, with texts in 34737) or WKT (VLR 2112), of which
+/// the header says which counts.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,7 +20,7 @@ struct LasUnits {
 
 /// The records that say it, as they are in the file; empty where there is none.
 struct LasProjection {
-  std::optional<std::string> geo_keys = {}, geo_doubles = {}, wkt = {};
+  std::optional<std::string> geo_keys = {}, geo_doubles = {}, geo_texts = {}, wkt = {};
   bool wkt_counts = false;  ///< bit 4 of the header's global encoding
   bool cut_off = false;     ///< the list of records ends inside of one
 };

@@ -57,10 +57,12 @@ std::optional<TimeScale> timeScaleOf(std::span<const TimeSpan> scans) {
 
 double unitOfDate_s(double time) {
   constexpr double kFirst_s = 0.9e9, kLast_s = 4e9;  // 2008 by GPS, 2096 by Unix
-  for (const double unit_s : {1e-9, 1e-6, 1e-3})
-    if (time * unit_s >= kFirst_s && time * unit_s <= kLast_s) return unit_s;
   // Adjusted standard GPS time is 1e9 s less: from 1.5e8 s on.
-  return time * 1e-9 >= 1e8 ? 1e-9 : 1;
+  constexpr double kFirstAdjusted_s = 1e8;
+  for (const double first_s : {kFirst_s, kFirstAdjusted_s})
+    for (const double unit_s : {1e-9, 1e-6, 1e-3})
+      if (time * unit_s >= first_s && time * unit_s <= kLast_s) return unit_s;
+  return time * 1e-9 >= kFirstAdjusted_s ? 1e-9 : 1;
 }
 
 std::string inWords(double unit_s) {

@@ -42,6 +42,7 @@ class XyzReader final : public CloudReader {
  private:
   void finish(PointCloud& part) {
     if (!points_.cutOff()) source_->checkAtEnd();
+    points_.refuseDegrees();
     const std::uint64_t announced = points_.announced().value_or(points_.points());
     part.truncated_points = std::max<std::uint64_t>(announced - points_.points(), points_.cutOff() ? 1 : 0);
     if (part.truncated_points == 0 || allow_truncated_) return;

@@ -45,6 +45,27 @@ void splitCells(std::string_view line, std::vector<std::string_view>& cells) {
   }
 }
 
+/// What separates names that may have blanks: "Point ID;X;Y;Z". 0: nothing does.
+char separatorOfNames(std::string_view line) {
+  for (const char separator : {'\t', ';', ','})
+    if (line.find(separator) != std::string_view::npos) return separator;
+  return 0;
+}
+
+/// As splitCells, with names that have blanks. Several tabs are one: they line up columns. One at the beginning is
+/// behind the name of an index, which has none.
+void splitNames(std::string_view line, char separator, std::vector<std::string_view>& cells) {
+  cells.clear();
+  for (std::size_t begin = 0; begin < line.size();) {
+    const std::size_t first = std::min(line.find_first_not_of(' ', begin), line.size());
+    const std::size_t quote = first < line.size() && line[first] == '"' ? line.find('"', first + 1) : first;
+    const std::size_t end = std::min(line.find(separator, std::min(quote, line.size())), line.size());
+    const std::string_view cell = withoutQuotes(withoutQuotes(line.substr(first, end - first)));
+    if (!cell.empty() || (end < line.size() && (separator != '\t' || begin == 0))) cells.push_back(cell);
+    begin = end + 1;
+  }
+}
+
 bool parseValue(std::string_view cell, double& value) {
   if (parseNumber(cell, value)) return true;
   if (cell.size() > 4) return false;
@@ -62,7 +83,7 @@ std::pair<std::string, std::string> nameAndUnit(std::string_view cell) {
   unit.erase(std::remove_if(unit.begin(), unit.end(),
                             [](char c) { return std::string_view("[]() \"").find(c) != std::string_view::npos; }),
              unit.end());
-  const std::size_t line = name.rfind('_');
+  const std::size_t line = name.find_last_of("_ ");
   if (line == std::string::npos || !unit.empty()) return {name, unit};
   constexpr std::string_view kColumnUnits[] = {"m",    "mm",   "cm", "km",   "ft", "usft",
                                                "ftus", "feet", "in", "inch", "deg"};
@@ -99,6 +120,7 @@ constexpr ColumnName kColumnNames[] = {{"x", 0},
                                        {"easting", 0},
                                        {"northing", 1},
                                        {"elevation", 2},
+                                       {"elev", 2},
                                        {"east", 0},
                                        {"north", 1},
                                        {"height", 2},
@@ -106,6 +128,12 @@ constexpr ColumnName kColumnNames[] = {{"x", 0},
                                        {"coord_x", 0},
                                        {"coord_y", 1},
                                        {"coord_z", 2},
+                                       {"e", 0},
+                                       {"n", 1},
+                                       {"h", 2},
+                                       {"points_m_xyz:0", 0},
+                                       {"points_m_xyz:1", 1},
+                                       {"points_m_xyz:2", 2},
                                        {"points:0", 0},
                                        {"points:1", 1},
                                        {"points:2", 2},
@@ -134,33 +162,50 @@ std::optional<std::string_view> commentIn(std::string_view line) {
 }  // namespace
 
 std::optional<PointLines::Names> PointLines::namesIn(std::string_view line, bool comment) const {
+  if (comment) line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
+  const char separator = separatorOfNames(line);
+  if (separator != 0)
+    if (auto names = namesIn(line, separator, comment)) return names;
+  return namesIn(line, 0, comment);
+}
+
+std::optional<PointLines::Names> PointLines::namesIn(std::string_view line, char separator, bool comment) const {
   std::vector<std::string_view> cells;
-  splitCells(line, cells);
+  if (separator != 0) splitNames(line, separator, cells);
+  if (separator == 0) splitCells(line, cells);
   Names names;
+  names.text = line;
   names.line = lines_.number();
   names.comment = comment;
   std::array<std::size_t, 4> found = {};
-  bool plain = false;  // x, y and z themselves: they are meant where there are others
-  std::string unit;
+  bool plain = false;         // x, y and z themselves: they are meant where there are others
+  bool coordinate = false;    // the name before is of one
+  std::string unit, bracket;  // what is in brackets behind a name, so far
   for (std::size_t i = 0; i < cells.size(); ++i) {
-    if (!cells[i].empty() && (cells[i][0] == '(' || cells[i][0] == '[')) {  // the unit of the name before: "X (m)"
-      if (names.columns <= 3 && !isMetre(nameAndUnit(cells[i]).second)) unit = nameAndUnit(cells[i]).second;
+    if (!bracket.empty() || (!cells[i].empty() && (cells[i][0] == '(' || cells[i][0] == '['))) {  // "X (US ft)"
+      bracket += cells[i];
+      if (bracket.find_first_of(")]") == std::string::npos) continue;
+      if (coordinate && !isMetre(nameAndUnit(bracket).second)) unit = nameAndUnit(bracket).second;
+      bracket.clear();
       continue;
     }
+    coordinate = false;
     const auto [name, name_unit] = nameAndUnit(cells[i]);
     const std::size_t column = names.columns++;
     const auto known = std::find_if(std::begin(kColumnNames), std::end(kColumnNames),
                                     [&, &word = name](const ColumnName& one) { return one.name == word; });
     if (known == std::end(kColumnNames)) continue;
     const auto meaning = static_cast<std::size_t>(known->meaning);
-    const bool literal = name.size() == 1;
+    const bool literal = name == "x" || name == "y" || name == "z";
     if (meaning < 3 && plain && !literal) continue;
     if (meaning < 3 && literal && !plain) {
       plain = true;
       found = {0, 0, 0, found[3]};
+      unit.clear();
     }
     if (meaning == 3 && comment && column > 0 && found[3] == 0) continue;  // a sentence about them
     ++found[meaning];
+    coordinate = meaning < 3;
     if (meaning < 3) names.xyz[meaning] = column;
     if (meaning < 3 && !isMetre(name_unit)) unit = name_unit;
   }
@@ -187,7 +232,15 @@ void PointLines::readHeading(std::string_view line) {
 void PointLines::checkNames() {
   if (!names_) return;
   const bool first_three = names_->xyz == Columns{0, 1, 2};
-  if (names_->columns == values_.size() || first_three) return;
+  if (names_->columns == values_.size()) return;
+  // Blanks may separate them, too: "R G B,X,Y,Z".
+  if (const auto by_blanks = namesIn(names_->text, 0, names_->comment);
+      by_blanks && by_blanks->columns == values_.size()) {
+    names_->xyz = by_blanks->xyz;
+    names_->columns = by_blanks->columns;
+    return;
+  }
+  if (first_three) return;
   if (names_->comment) {
     names_.reset();
     return;
@@ -214,7 +267,7 @@ bool PointLines::next(Eigen::Vector3d& p) {
       }
       continue;
     }
-    if (hasDecimalCommas(line)) lines_.splitNumbers(line, values_);  // refuses it
+    lines_.refuseCommasInNumbers(line);
     splitCells(line, values_);
     std::uint64_t count = 0;
     if (values_.size() == 1 && points_ == announced_ && lines_.terminated() && parseCount(values_[0], count) &&
@@ -223,15 +276,14 @@ bool PointLines::next(Eigen::Vector3d& p) {
       announced_ += count;
       continue;
     }
-    if (line.find('\r') != std::string_view::npos)
-      lines_.fail("has carriage returns inside, as line ends of old computers",
-                  "Convert it, for example with mac2unix");
+    if (line.find('\r') != std::string_view::npos) lines_.failCarriageReturns();
     if (values_.size() < 3 && !lines_.terminated() && points_ != 0) {
       cut_off_ = true;
       return false;
     }
     double number = 0;
-    if (points_ == 0 && !parseValue(values_[0], number)) {
+    const bool index_without_name = values_.size() > 1 && values_[0].empty() && !parseValue(values_[1], number);
+    if (points_ == 0 && (index_without_name || !parseValue(values_[0], number))) {
       readHeading(line);
       continue;
     }
@@ -242,6 +294,7 @@ bool PointLines::next(Eigen::Vector3d& p) {
                       std::to_string(*count_line_) + " announces",
                   "Correct the count, or export the points again");
     ++points_;
+    extent_.add(p, values_, names_ ? names_->xyz : Columns{0, 1, 2});
     return true;
   }
   return false;
@@ -250,6 +303,8 @@ bool PointLines::next(Eigen::Vector3d& p) {
 void PointLines::seek(const Place& place) {
   lines_.seek(place.byte, static_cast<std::size_t>(place.line));
   points_ = place.points;
+  extent_ = {};
+  extent_.whole = points_ == 0;
   announced_ = place.announced;
   cut_off_ = false;
   if (points_ == 0 && announced_ == 0) {
@@ -260,6 +315,37 @@ void PointLines::seek(const Place& place) {
 
 std::optional<std::uint64_t> PointLines::announced() const {
   return count_line_ ? std::optional(announced_) : std::nullopt;
+}
+
+void PointLines::Extent::add(const Eigen::Vector3d& p, const std::vector<std::string_view>& cells, const Columns& xyz) {
+  if (p.isZero(0) || !p.allFinite()) return;  // no return
+  low = low.cwiseMin(p);
+  high = high.cwiseMax(p);
+  constexpr int kLooked = 100;
+  if (looked == kLooked) return;
+  ++looked;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::string_view cell = cells[xyz[axis]];
+    const std::size_t point = cell.find('.');
+    if (point != std::string_view::npos) decimals[axis] = std::max(decimals[axis], cell.size() - point - 1);
+  }
+}
+
+void PointLines::refuseDegrees() const {
+  constexpr std::size_t kDecimals = 6;  // a step of 0.1 m
+  constexpr double kWide_deg = 0.1, kHigh_m = 1;
+  const Eigen::Vector3d most = extent_.high.cwiseMax(-extent_.low), size = extent_.high - extent_.low;
+  const double wide = size.head<2>().maxCoeff();
+  if (!extent_.whole || !(wide > 0) || wide > kWide_deg || !(size.z() >= kHigh_m)) return;
+  if (most.head<2>().minCoeff() > 90 || most.head<2>().maxCoeff() > 180) return;
+  const std::size_t decimals = std::min(extent_.decimals[0], extent_.decimals[1]);
+  if (decimals < kDecimals) return;
+  // Nothing that is scanned in metres is a thousand times as high as it is wide, or finer across than along z.
+  const bool finer = decimals > kDecimals && decimals >= extent_.decimals[2] + 2 && size.z() > 100 * wide;
+  if (size.z() <= 1000 * wide && !finer) return;
+  throw InputError("input.geographic", lines_.subject(),
+                   "does not say what its coordinates are, and they look like latitude and longitude in degrees",
+                   "Export the points in a projection, in metres");
 }
 
 std::string PointLines::heading() const {

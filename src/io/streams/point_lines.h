@@ -39,18 +39,32 @@ class PointLines {
   [[nodiscard]] bool cutOff() const { return cut_off_; }                   ///< the last line is incomplete
   [[nodiscard]] std::size_t columns() const { return values_.size(); }     ///< of the last point
   [[nodiscard]] bool named() const { return names_ && !names_->comment; }  ///< a line says which column is what
+  /// At the end. @throws InputError "input.geographic" if the points can only be latitude and longitude in degrees
+  void refuseDegrees() const;
   [[nodiscard]] std::string heading() const;  ///< what was skipped before the points, in words; empty if nothing was
 
  private:
   using Columns = std::array<std::size_t, 3>;
   struct Names {
     Columns xyz = {};
+    std::string text = {};
     std::size_t columns = 0;
     std::size_t line = 0;
     bool comment = false;
   };
 
+  /// What the points cover, and with how many decimals the first of them are written.
+  struct Extent {
+    Eigen::Vector3d low = Eigen::Vector3d::Constant(1e300), high = -low;
+    std::array<std::size_t, 3> decimals = {};
+    int looked = 0;
+    bool whole = true;  ///< from the first point on
+    void add(const Eigen::Vector3d& p, const std::vector<std::string_view>& cells, const Columns& xyz);
+  };
+
   [[nodiscard]] std::optional<Names> namesIn(std::string_view line, bool comment) const;
+  /// @param separator  0: blanks, tabs, commas and semicolons
+  [[nodiscard]] std::optional<Names> namesIn(std::string_view line, char separator, bool comment) const;
   void readHeading(std::string_view line);
   void checkNames();
   [[nodiscard]] bool readValues(Eigen::Vector3d& p) const;
@@ -61,6 +75,7 @@ class PointLines {
   std::uint64_t points_ = 0, announced_ = 0;
   std::optional<std::size_t> count_line_;
   bool cut_off_ = false;
+  Extent extent_;
 };
 
 }  // namespace accessvdb::io

@@ -72,6 +72,24 @@ bool isCommaNumber(std::string_view cell) {
          after.find(',') == std::string_view::npos;
 }
 
+/// "4,002.345" or "5,399,998": groups of three digits behind the first. With one group there is a decimal point; else
+/// it is a number with a decimal comma, or two numbers.
+bool hasGroups(std::string_view cell, char separator, char point) {
+  if (!cell.empty() && (cell[0] == '-' || cell[0] == '+')) cell.remove_prefix(1);
+  const std::size_t end = std::min(cell.find(point), cell.size());
+  if (end < cell.size() && cell.substr(end + 1).find_first_not_of(kDigits) != std::string_view::npos) return false;
+  std::string_view whole = cell.substr(0, end);
+  std::size_t groups = 0;
+  for (; whole.size() > 4 && whole[whole.size() - 4] == separator; whole.remove_suffix(4), ++groups)
+    if (whole.substr(whole.size() - 3).find_first_not_of(kDigits) != std::string_view::npos) return false;
+  const bool first = !whole.empty() && whole.size() <= 3 && whole.find_first_not_of(kDigits) == std::string_view::npos;
+  return first && (groups >= 2 || (groups == 1 && end < cell.size()));
+}
+
+bool isGroupedNumber(std::string_view cell) {
+  return hasGroups(cell, ',', '.') || hasGroups(cell, '.', ',') || hasGroups(cell, '\'', '.');
+}
+
 /// A number that only the digits behind a decimal comma are: "0426".
 bool isFraction(std::string_view token) {
   return token.size() > 1 && token[0] == '0' && token.find_first_not_of(kDigits) == std::string_view::npos;
@@ -103,7 +121,10 @@ bool LineReader::next(std::string_view& line) {
   const std::size_t end = window.find('\n');
   terminated_ = end != std::string_view::npos;
   if (!terminated_ && window.size() > kMaxLineBytes)
-    fail("is longer than " + std::to_string(kMaxLineBytes) + " bytes", "Check that this is the right text file");
+    if (!terminated_ && window.size() > kMaxLineBytes) {
+      if (window.find('\r') != std::string_view::npos) failCarriageReturns();
+      fail("is longer than " + std::to_string(kMaxLineBytes) + " bytes", "Check that this is the right text file");
+    }
   line = terminated_ ? window.substr(0, end) : window;
   position_ += line.size() + (terminated_ ? 1 : 0);
   if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
@@ -114,10 +135,22 @@ void LineReader::fail(const std::string& problem, const std::string& advice) con
   throw InputError("input.malformed", subject_, "line " + std::to_string(number_) + " " + problem, advice);
 }
 
-void LineReader::splitNumbers(std::string_view line, std::vector<std::string_view>& tokens) const {
+void LineReader::failCarriageReturns() const {
+  fail("has carriage returns inside, as line ends of old computers", "Convert it, for example with mac2unix");
+}
+
+void LineReader::refuseCommasInNumbers(std::string_view line) const {
+  if (hasThousandsSeparators(line))
+    throw InputError("input.thousands_separator", subject_,
+                     "line " + std::to_string(number_) + " has numbers with separators between thousands",
+                     "Write them without: 4002.345, not 4,002.345");
   if (hasDecimalCommas(line))
     throw InputError("input.decimal_comma", subject_, "line " + std::to_string(number_) + " has decimal commas",
                      "Write decimal points, with blanks or semicolons between the numbers");
+}
+
+void LineReader::splitNumbers(std::string_view line, std::vector<std::string_view>& tokens) const {
+  refuseCommasInNumbers(line);
   splitTokens(line, tokens);
 }
 
@@ -147,6 +180,31 @@ bool hasDecimalCommas(std::string_view line) {
   std::vector<std::string_view> tokens;
   splitTokens(line, tokens);
   return tokens.size() >= 6 && tokens.size() % 2 == 0 && std::any_of(tokens.begin(), tokens.end(), isFraction);
+}
+
+bool hasThousandsSeparators(std::string_view line) {
+  if (line.find_first_of(",'") == std::string_view::npos) return false;
+  constexpr std::string_view kHard = " \t;\r";
+  std::size_t cells = 0, with_comma = 0, grouped = 0;
+  bool sure = false;
+  for (std::size_t begin = line.find_first_not_of(kHard); begin != std::string_view::npos;) {
+    const bool quoted = line[begin] == '"';
+    const std::size_t end =
+        std::min(quoted ? line.find('"', begin + 1) : line.find_first_of(kHard, begin), line.size());
+    std::string_view cell = line.substr(begin, end - begin);
+    if (quoted) cell.remove_prefix(1);
+    if (!quoted && cell.size() > 1 && cell.back() == ',') cell.remove_suffix(1);
+    ++cells;
+    with_comma += cell.find(',') != std::string_view::npos ? 1 : 0;
+    if (isGroupedNumber(cell)) {
+      if (quoted) return true;
+      ++grouped;
+      sure = sure || cell.find_first_of(".'") != std::string_view::npos;
+    }
+    begin = line.find_first_not_of(quoted ? " \t;,\r" : kHard, std::min(end + (quoted ? 1 : 0), line.size()));
+  }
+  // "1,200,300 255 0 1" is a point and a colour.
+  return cells >= 3 && grouped > 0 && (sure || with_comma > 1);
 }
 
 void splitTokens(std::string_view line, std::vector<std::string_view>& tokens) {

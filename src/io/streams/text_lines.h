@@ -36,7 +36,11 @@ class LineReader {
   [[nodiscard]] const std::string& subject() const { return subject_; }
   /// @throws InputError "input.malformed" naming the last line
   [[noreturn]] void fail(const std::string& problem, const std::string& advice = "Check the file") const;
-  /// splitTokens of a line of numbers. @throws InputError "input.decimal_comma" naming the line
+  /// @throws InputError naming the line, which has lines ended by carriage returns in it
+  [[noreturn]] void failCarriageReturns() const;
+  /// @throws InputError "input.decimal_comma" or "input.thousands_separator" naming the line
+  void refuseCommasInNumbers(std::string_view line) const;
+  /// splitTokens of a line of numbers, after refuseCommasInNumbers.
   void splitNumbers(std::string_view line, std::vector<std::string_view>& tokens) const;
 
  private:
@@ -56,6 +60,8 @@ void splitTokens(std::string_view line, std::vector<std::string_view>& tokens);
 [[nodiscard]] bool parseCount(std::string_view token, std::uint64_t& value);
 /// Whether the numbers of a line have decimal commas: "2,6 0,1 3" or "2,60,0,05", but not "2,0,3" or "2,3 4".
 [[nodiscard]] bool hasDecimalCommas(std::string_view line);
+/// Whether a number of a line has its thousands apart: "4,002.345 7 1", "5.399.998,547 7 1", but not "4,002.345,1".
+[[nodiscard]] bool hasThousandsSeparators(std::string_view line);
 /// The text with A to Z in lower case.
 [[nodiscard]] std::string inLowerCase(std::string_view text);
 /// Whether a line is blank, or a comment beginning with #.

@@ -59,6 +59,61 @@ TEST(LasUnits, OfGeoKeys) {
   expectError([] { (void)byKeys({{1024, 3}}); }, ErrorCode::Input, "input.geographic", {"geocentric"});
 }
 
+TEST(LasUnits, OfTheNumberOfAProjection) {
+  for (const int code : {2263, 3435, 6424, 6461, 6539, 3734, 32026, 26741, 8540})
+    expectMetres(byKeys({{1024, 1}, {3072, code}}), kSurveyFoot, kSurveyFoot);
+  for (const int code : {2256, 3361, 6494, 2994, 6868}) expectMetres(byKeys({{1024, 1}, {3072, code}}), kFoot, kFoot);
+  for (const int code : {26910, 32104, 25832, 31466, 6423, 6538, 3360, 3857, 32767, 29371, 9741, 20049})
+    expectMetres(byKeys({{1024, 1}, {3072, code}}), 1, 1);
+  expectMetres(byKeys({{3072, 6539}, {3076, 9001}}), 1, 1);  // what is said counts
+  expectMetres(byKeys({{3072, 6539}, {4096, 5703}}), kSurveyFoot, 1);
+  expectMetres(byKeys({{3072, 26910}, {4096, 6360}}), 1, kSurveyFoot);
+  for (const auto& [code, unit] : {std::pair(2314, "Clarke's feet"), {22300, "kilometres"}, {2136, "another kind"}})
+    expectError(
+        [code = code] {
+          (void)byKeys({{3072, code}});
+        },
+        ErrorCode::Input, "input.unit", {unit, "EPSG:" + std::to_string(code)});
+  for (const int code : {54032, 10480, 102}) {
+    const LasUnits units = byKeys({{1024, 1}, {3072, code}});
+    EXPECT_EQ(units.metres, Eigen::Vector3d(1, 1, 1));
+    EXPECT_NE(units.doubt.find(std::to_string(code)), std::string::npos) << units.doubt;
+  }
+}
+
+/// GeoKeys with texts, one after the other in 34737.
+LasUnits byTexts(std::vector<std::pair<int, int>> values, const std::vector<std::pair<int, std::string>>& texts) {
+  std::string all, directory;
+  const std::size_t plain = values.size();
+  for (const auto& [key, text] : texts) values.emplace_back(key, 0);
+  directory = keys(values);
+  for (std::size_t i = 0; i < texts.size(); ++i) {
+    std::string entry;
+    for (const std::size_t number :
+         {static_cast<std::size_t>(texts[i].first), std::size_t{34737}, texts[i].second.size() + 1, all.size()})
+      test::put(entry, static_cast<std::uint16_t>(number));
+    directory.replace(8 * (plain + 1 + i), 8, entry);
+    all += texts[i].second + "|";
+  }
+  return lasUnits({.geo_keys = directory, .geo_texts = all}, "a.las");
+}
+
+TEST(LasUnits, OfTheWordsOfGeoKeys) {
+  for (const char* const words :
+       {"NAD83 / New York LI (ftUS)", "NAD83 Texas Central US survey feet", "x|US Survey Foot",
+        "ESRI PE String = PROJCS[\"a\",UNIT[\"Foot_US\",0.3048]]", "State plane (US-ft)", "units: usft"})
+    for (const int key : {1026, 3073}) expectMetres(byTexts({{1024, 1}}, {{key, words}}), kSurveyFoot, kSurveyFoot);
+  for (const char* const words : {"NAD83(HARN) / South Carolina (ft)", "International feet", "foot"})
+    expectMetres(byTexts({{1024, 1}}, {{1026, words}}), kFoot, kFoot);
+  for (const char* const words :
+       {"WGS 84 / UTM zone 33N", "Custer County, after 1983", "Lambert, metres", "bus, feeta"})
+    expectMetres(byTexts({{1024, 1}}, {{1026, words}}), 1, 1);
+  expectMetres(byTexts({{3072, 26910}}, {{4097, "NAVD88 height (ftUS)"}, {1026, "UTM 10N"}}), 1, kSurveyFoot);
+  expectMetres(byTexts({{3072, 26910}}, {{1026, "(ftUS)"}}), 1, 1);  // the number counts
+  expectMetres(byTexts({{3072, 54032}}, {{3073, "a (ftUS)"}}), kSurveyFoot, kSurveyFoot);
+  EXPECT_NE(byTexts({{1024, 1}}, {{1026, "NY (ftUS) + NAVD88 (m)"}}).doubt, "");
+}
+
 TEST(LasUnits, OfGeoKeysWithAUnitOfTheirOwn) {
   std::string directory = keys({{1024, 1}, {3076, 32767}, {3077, 0}});
   directory[8 * 3 + 2] = static_cast<char>(34736 & 0xff), directory[8 * 3 + 3] = static_cast<char>(34736 >> 8);
@@ -126,6 +181,8 @@ TEST(LasUnits, DatesTellTheirUnit) {
   EXPECT_EQ(unitOfDate_s(4.1e17), 1e-9);
   EXPECT_EQ(unitOfDate_s(1.7e15), 1e-6);
   EXPECT_EQ(unitOfDate_s(1.7e12), 1e-3);
+  EXPECT_EQ(unitOfDate_s(4.1e14), 1e-6);
+  EXPECT_EQ(unitOfDate_s(4.1e11), 1e-3);
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include "io/streams/point_lines.h"
 
 #include <cmath>
+#include <cstdio>
 
 #include "accessvdb/scan_io.h"
 #include "unit/io/cloud_parts.h"
@@ -44,6 +45,70 @@ TEST(PointLines, ReadsColumnsByTheirNames) {
         "nx ny nz x y z\n0 0 1 2.5 -1.25 3\n0 0 1 1 2 .5\n", "\"2.5\",\"-1.25\",\"3\"\n\"1\",\"2\",\".5\"\n",
         "# points of x y z, and more words\n2.5 -1.25 3 7\n1 2 .5 7\n", "2.5, -1.25, 3\n1, 2, 0.5\n"})
     expectTwoPoints(text);
+}
+
+TEST(PointLines, NamesMayHaveBlanksAndUnitsOfTheirOwn) {
+  for (const char* const text :
+       {"Timestamp,LiDAR Index,X,Y,Z\n1,0,2.5,-1.25,3\n1,0,1,2,.5\n",
+        "Point ID\tX\tY\tZ\n7\t2.5\t-1.25\t3\n8\t1\t2\t.5\n", "Point No;X [m];Y [m];Z [m]\n7;2.5;-1.25;3\n8;1;2;.5\n",
+        "\"Point No\" ; \"X\" ; \"Y\" ; \"Z\"\r\n7;2.5;-1.25;3\r\n8;1;2;.5\r\n",
+        "TIMESTAMP (ns), RANGE (mm), X (m), Y (m), Z (m)\n1, 2000, 2.5, -1.25, 3\n1, 2000, 1, 2, .5\n",
+        "intensity (dB),x,y,z\n7,2.5,-1.25,3\n7,1,2,.5\n", "time (ns) x (m) y (m) z (m)\n7 2.5 -1.25 3\n7 1 2 .5\n",
+        "# Point No, X, Y, Z\n7,2.5,-1.25,3\n8,1,2,.5\n", "X,Y,Z,Return Number,GPS Time\n2.5,-1.25,3,1,7\n1,2,.5,1,7\n",
+        "X Y Z,intensity (dB)\n2.5 -1.25 3 7\n1 2 .5 7\n", "# R G B,X,Y,Z\n9 9 9 2.5 -1.25 3\n9 9 9 1 2 .5\n",
+        ",x,y,z\n0,2.5,-1.25,3\n1,1,2,.5\n", "\tx\ty\tz\n0\t2.5\t-1.25\t3\n1\t1\t2\t.5\n",
+        "\tx\ty\tz\n\t2.5\t-1.25\t3\n\t1\t2\t.5\n", "#\tX\tY\tZ\n2.5\t-1.25\t3\t7\n1\t2\t.5\t7\n",
+        "N;E;H\n-1.25;2.5;3\n2;1;.5\n", "X\t\tY\t\tZ\n2.5\t\t-1.25\t\t3\n1\t\t2\t\t.5\n"})
+    expectTwoPoints(text);
+  for (const auto& [text, unit] : {std::pair("Easting (US ft);Northing (US ft);Elev (US ft)\n1;2;3\n", "usft"),
+                                   {"E(ftUS),N(ftUS),H(ftUS)\n1,2,3\n", "ftus"},
+                                   {"time (ns),X (mm),Y (mm),Z (mm)\n1,2,3,4\n", "mm"},
+                                   {"X (US ft) Y (US ft) Z (US ft)\n1 2 3\n", "usft"},
+                                   {"Point ID,x ft,y ft,z ft\n1,2,3,4\n", "ft"}})
+    expectRefused(text, "input.unit", {unit});
+}
+
+TEST(PointLines, RefusesThousandsSeparators) {
+  for (const char* const text :
+       {"1 2 3\n4,002.345 -1.453 0.864\n", "500,003.000 5,399,998.547 0.864\n", "500,003 5,399,998 1\n",
+        "500,003.000\t5,399,998.547\t0.864\n", "4,002.345;-1.453;0.864\n", "-4,002.345, -1.453, 0.864\n",
+        "\"4,002.345\",\"-1.453\",\"0.864\"\n", "4.002,345 -1,453 0,864\n", "5.399.998,547;1,5;2,5\n",
+        "500'003.000 5'399'998.547 0.864\n"})
+    expectRefused(text, "input.thousands_separator", {"thousands"});
+  for (const char* const text : {"4,002.345,1\n", "4,002.345,1,2,3,4\n", "4, 002.345, 1\n", "4,002.345,1 7\n"})
+    EXPECT_EQ(readText(text).points[0], Eigen::Vector3d(4, 2.345, 1)) << text;
+  EXPECT_EQ(readText("1,200,300 255 0 1\n").points[0], Eigen::Vector3d(1, 200, 300));
+}
+
+TEST(PointLines, RefusesDegrees) {
+  const auto lines = [](double scale, int decimals, double x, double y) {
+    std::string text;
+    for (int i = 0; i < 50; ++i) {
+      char line[100];
+      std::snprintf(line, sizeof line, "%.*f %.*f %.3f\n", decimals, x + scale * (i % 7), decimals, y - scale * (i % 5),
+                    0.05 * i);
+      text += line;
+    }
+    return text;
+  };
+  for (const auto& [x, y] : {std::pair(48.1, 11.5), {11.5, 48.1}, {-122.4, 37.7}, {-33.8, 151.2}}) {
+    expectRefused(lines(1e-5, 8, x, y), "input.geographic", {"degrees"});
+    expectRefused("0 0 0\n" + lines(1e-4, 7, x, y), "input.geographic", {"degrees"});
+    expectRefused(lines(1e-3, 7, x, y), "input.geographic", {"degrees"});
+    expectRefused("x,y,z\n" + lines(1e-5, 8, x, y), "input.geographic", {"degrees"});
+  }
+  // Posts of 6 cm and of 2 cm, one far from zero, a scene of metres, few decimals.
+  for (const std::string& text :
+       {lines(0.01, 6, 2.5, 1), lines(0.003, 6, 2.5, 1), lines(0.005, 3, 48, 11), lines(1, 8, 48, 11),
+        lines(1e-4, 5, 48, 11), lines(1e-5, 8, 480, 11), lines(1e-5, 8, 100, 100)})
+    EXPECT_EQ(readText(text).points.size(), 50U);
+}
+
+TEST(PointLines, NamesCarriageReturnsOfLargeFiles) {
+  std::string text;
+  while (text.size() < 2 * kMaxLineBytes) text += "2.5 -1.25 3\r";
+  expectRefused(text, "input.malformed", {"carriage returns", "mac2unix"});
+  expectRefused(std::string(2 * kMaxLineBytes, '7'), "input.malformed", {"longer"});
 }
 
 TEST(PointLines, CountsWhatIsNotFinite) {
