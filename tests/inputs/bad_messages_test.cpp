@@ -51,13 +51,14 @@ std::string header(double stamp_s, const std::string& frame) {
   put(bytes, static_cast<std::uint32_t>(tenths % 10 * 100'000'000));
   return bytes + counted(frame);
 }
-std::string cloud(const WorldScan& scan, double stamp_s, std::size_t missing_bytes = 0) {
+std::string cloud(const WorldScan& scan, double stamp_s, std::size_t missing_bytes = 0,
+                  const std::string& frame = "lidar") {
   std::string points;
   for (const Eigen::Vector3d& p_S : scan.points_S())
     for (const double value : {p_S.x(), p_S.y(), p_S.z()}) put(points, static_cast<float>(value));
   const auto count = static_cast<std::uint32_t>(points.size() / 12);
   points.resize(points.size() - missing_bytes);
-  std::string data = header(stamp_s, "lidar");
+  std::string data = header(stamp_s, frame);
   put(data, std::uint32_t{1});
   put(data, count);
   put(data, std::uint32_t{3});
@@ -138,6 +139,26 @@ TEST_F(BadMessages, OfCloudsCostTheirCloud) {
       mapRecording([](const WorldScan& scan, int i) { return cloud(scan, i == 3 ? 12.5 : scan.stamp_s); });
   expectSame(elsewhere, without);
   EXPECT_TRUE(elsewhere.warns("scans.skipped")) << elsewhere.program.err;
+}
+
+TEST_F(BadMessages, InAnotherFrameCostTheirCloud) {
+  for (const int stray : {0, 3, 7}) {
+    const auto without = mapRecording([&](const WorldScan& scan, int i) { return i == stray ? "" : whole(scan, i); });
+    for (const char* frame : {"other", ""}) {
+      const MapOutcome outcome = mapRecording(
+          [&](const WorldScan& scan, int i) { return cloud(scan, scan.stamp_s, 0, i == stray ? frame : "lidar"); });
+      expectSame(outcome, without);
+      EXPECT_TRUE(outcome.warns("scans.skipped")) << outcome.program.err;
+      EXPECT_NE(outcome.program.err.find("1 of 8 clouds of /points"), std::string::npos) << outcome.program.err;
+    }
+  }
+  EXPECT_TRUE(mapRecording([](const WorldScan& scan, int i) {
+                return cloud(scan, scan.stamp_s, 0, i > 3 ? "other" : "lidar");
+              }).fails("recording.frames"));
+  // A frame that is connected is one more sensor.
+  EXPECT_FALSE(mapRecording([](const WorldScan& scan, int i) {
+                 return cloud(scan, scan.stamp_s, 0, i == 3 ? "base" : "lidar");
+               }).warns("scans.skipped"));
 }
 
 TEST_F(BadMessages, ThatAreThereTwiceCountOnce) {

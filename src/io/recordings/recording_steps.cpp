@@ -38,6 +38,20 @@ std::string plainFrame(std::string name) {
   return name;
 }
 
+constexpr std::uint32_t kStray = static_cast<std::uint32_t>(-1);
+
+/// The frame of most clouds, the first of several; not one that does not move.
+template <typename IsFixed>
+std::optional<std::string> mostUsedFrame(const IndexedTopic& cloud, const IsFixed& isFixed) {
+  std::vector<std::size_t> used(cloud.frames.size());
+  for (const IndexedCloud& one : cloud.clouds) ++used[one.frame];
+  std::optional<std::size_t> most;
+  for (std::size_t frame = 0; frame < used.size(); ++frame)
+    if (!isFixed(cloud.frames[frame]) && (!most || used[frame] > used[*most])) most = frame;
+  if (!most) return std::nullopt;
+  return cloud.frames[*most];
+}
+
 std::string subjectOf(const std::vector<std::filesystem::path>& files) {
   return forMessage(files.size() == 1 ? files.front().native() : files.front().parent_path().native());
 }
@@ -113,7 +127,7 @@ void RecordingSteps::tellAboutClouds(const RecordingIndex& index, const IndexedT
                        " clouds have no time; the time of their recording is used");
 }
 
-void RecordingSteps::usePoseFile(const IndexedTopic& cloud, const ScanInputOptions& options) {
+void RecordingSteps::usePoseFile(IndexedTopic& cloud, const ScanInputOptions& options) {
   if (!options.pose_topic.empty())
     throw InvalidArgument("usage.pose_topic", "pose_topic", "and ScanInputOptions::poses exclude each other",
                           "Omit one of the two");
@@ -123,6 +137,7 @@ void RecordingSteps::usePoseFile(const IndexedTopic& cloud, const ScanInputOptio
                         "Use a pose file in TUM format, on the recording's clock");
   notices_.insert(notices_.end(), file_->notices.begin(), file_->notices.end());
   warnings_.insert(warnings_.end(), file_->warnings.begin(), file_->warnings.end());
+  leaveOutStrays(cloud, true);
   for (const std::string& frame : cloud.frames) uses_.push_back({.registered = !world_.empty() && frame == world_});
   const auto& poses = file_->poses;
   span_ = std::to_string(poses.size()) + " poses from " +
@@ -143,7 +158,34 @@ FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
       "Record /tf and /tf_static, choose another pose_topic or fixed_frame, or use ScanInputOptions::poses");
 }
 
-void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud, const ScanInputOptions& options) {
+void RecordingSteps::leaveOutStrays(IndexedTopic& cloud, bool usual_is_posed) {
+  const std::string usual = *mostUsedFrame(cloud, [](const std::string&) { return false; });
+  std::vector<std::uint32_t> place(cloud.frames.size());  ///< [frame] among those that are left
+  std::vector<std::string> left;
+  std::string stray;
+  for (std::size_t frame = 0; frame < cloud.frames.size(); ++frame) {
+    const std::string& name = cloud.frames[frame];
+    const bool posed = usual_is_posed && (name == world_ || plainFrame(name) == plainFrame(usual));
+    const bool connected = posed || frames_.chain(world_, name).has_value();
+    place[frame] = connected ? static_cast<std::uint32_t>(left.size()) : kStray;
+    if (connected) left.push_back(name);
+    if (!connected && stray.empty()) stray = frameText(name);
+  }
+  const auto isStray = [&](const IndexedCloud& one) { return place[one.frame] == kStray; };
+  const std::size_t all = cloud.clouds.size();
+  const auto strays = static_cast<std::size_t>(std::count_if(cloud.clouds.begin(), cloud.clouds.end(), isStray));
+  if (left.size() == cloud.frames.size() || 2 * strays >= all) return;
+  std::erase_if(cloud.clouds, isStray);
+  for (IndexedCloud& one : cloud.clouds) one.frame = place[one.frame];
+  cloud.frames = std::move(left);
+  if (strays > 0)
+    warnings_.push_back({"scans.skipped", std::to_string(strays) + " of " + std::to_string(all) + " clouds of " +
+                                              wordForMessage(topic_) + " are skipped: they are in frame " + stray +
+                                              ", which nothing connects to frame " + frameText(usual) +
+                                              " of the others"});
+}
+
+void RecordingSteps::useOdometry(IndexedTopic& poses, IndexedTopic& cloud, const ScanInputOptions& options) {
   poses.requireReadable(subject_, warnings_);
   tellAboutOdometry(poses, options.sort_poses);
   const std::string parent = poses.frames.front().empty() ? kWorldFrame : poses.frames.front();
@@ -152,13 +194,13 @@ void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud,
   // Poses that do not say whose they are: the sensor's, which is the cloud's frame unless that does not move.
   std::string child = poses.child;
   if (child.empty()) {
-    const auto moving = std::find_if_not(cloud.frames.begin(), cloud.frames.end(), isRegistered);
-    child = moving == cloud.frames.end() ? kSensorFrame : *moving;
+    child = mostUsedFrame(cloud, isRegistered).value_or(kSensorFrame);
   }
   child_ = child;
   const std::string whose = child == kSensorFrame ? "the sensor" : frameText(child);
   frames_.replace(parent, child, std::move(poses.poses));
   frames_.finish();
+  leaveOutStrays(cloud, T_B_S_.has_value());
   for (const std::string& frame : cloud.frames) {
     FrameUse use;
     use.registered = isRegistered(frame);
@@ -203,15 +245,17 @@ void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
                                             " at over 50 m/s: the map may be torn there"});
 }
 
-void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
+void RecordingSteps::useTransforms(IndexedTopic& cloud) {
   if (T_B_S_)
     throw InvalidArgument("usage.extrinsic", "T_B_S", "is for odometry and poses: transforms pose the sensor itself",
                           "Omit it, or choose odometry with pose_topic");
   frames_.finish();
   if (world_.empty()) {
-    const auto top = frames_.top(cloud.frames.front());
+    const auto usual = mostUsedFrame(cloud, [](const std::string&) { return false; });
+    const auto top = frames_.top(usual.value_or(cloud.frames.front()));
     if (top) world_ = *top;
   }
+  leaveOutStrays(cloud, false);
   for (const std::string& frame : cloud.frames) {
     if (frame == world_)
       throw UnusableInput("poses.none", subject_,
