@@ -24,7 +24,7 @@ std::string record(char opcode, const std::string& content) {
   return bytes + content;
 }
 
-enum Channel : std::uint16_t { kClouds = 1, kOdometry = 2, kFixed = 3 };
+enum Channel : std::uint16_t { kClouds = 1, kOdometry = 2, kFixed = 3, kImu = 4 };
 
 std::string channel(Channel id, const std::string& topic, const std::string& type) {
   std::string schema, channel;
@@ -91,11 +91,22 @@ std::string fixedTransform(double x_m) {
   for (const double value : {x_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0}) put(data, value);
   return message(kFixed, 1700000000, data);
 }
+/// At rest, in the frame of what is posed.
+std::string imu(const WorldScan& scan, double stamp_s) {
+  constexpr double kGravity_m_s2 = 9.81;
+  std::string data = header(stamp_s, "base");
+  for (int i = 0; i < 4 + 9 + 3 + 9; ++i) put(data, i == 3 ? 1.0 : 0.0);
+  const Eigen::Vector3d force = scan.T_W_S.linear().transpose() * Eigen::Vector3d(0, 0, kGravity_m_s2);
+  for (const double value : {force.x(), force.y(), force.z()}) put(data, value);
+  for (int i = 0; i < 9; ++i) put(data, 0.0);
+  return message(kImu, stamp_s, data);
+}
 std::string recording(const std::string& messages) {
   const std::string magic("\x89MCAP0\r\n", 8);
   return magic + record(1, counted("ros1") + counted("")) + channel(kClouds, "/points", "sensor_msgs/PointCloud2") +
          channel(kOdometry, "/odom", "nav_msgs/Odometry") + channel(kFixed, "/tf_static", "tf2_msgs/TFMessage") +
-         messages + record(15, std::string(4, '\0')) + record(2, std::string(20, '\0')) + magic;
+         channel(kImu, "/imu", "sensor_msgs/Imu") + messages + record(15, std::string(4, '\0')) +
+         record(2, std::string(20, '\0')) + magic;
 }
 
 class BadMessages : public InputTest {
@@ -173,6 +184,27 @@ TEST_F(BadMessages, OfPosesCostTheirPose) {
   const MapOutcome outcome = mapRecording(whole, 0);
   expectRight(outcome);
   EXPECT_TRUE(outcome.warns("poses.skipped")) << outcome.program.err;
+}
+
+TEST_F(BadMessages, AWorldThatIsTiltedIsNamedOnce) {
+  static constexpr double kTilt_rad = 0.4;
+  const auto warnings = [this](bool with_imu) {
+    std::string messages = fixedTransform(0);
+    for (const WorldScan& scan : scans_) {
+      WorldScan tilted = scan;
+      tilted.T_W_S = Eigen::AngleAxisd(kTilt_rad, Eigen::Vector3d::UnitX()) * scan.T_W_S;
+      messages += odometry(tilted, scan.stamp_s) + whole(scan, 0);
+      for (int sample = 0; with_imu && sample < 4; ++sample) messages += imu(scan, scan.stamp_s);
+    }
+    writeBytes("flight.mcap", recording(messages));
+    const std::string err = map({"--scans", path("flight.mcap")}).program.err;
+    std::size_t count = 0;
+    for (std::size_t at = 0; (at = err.find("warning[poses.up]", at)) != std::string::npos; ++at) ++count;
+    EXPECT_EQ(count, 1U) << err;
+    return err;
+  };
+  EXPECT_NE(warnings(true).find("what the IMU feels"), std::string::npos);
+  EXPECT_NE(warnings(false).find("level surfaces"), std::string::npos);
 }
 
 TEST_F(BadMessages, TransformsThatPutTheSensorFarAwayAreNamed) {

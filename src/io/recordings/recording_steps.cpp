@@ -11,6 +11,7 @@
 #include "io/poses/levelling.h"
 #include "io/poses/pose_checks.h"
 #include "io/poses/pose_matching.h"
+#include "io/recordings/frame_names.h"
 #include "io/recordings/recording_topics.h"
 #include "io/recordings/stamp_words.h"
 #include "io/scans/deskew_choice.h"
@@ -21,37 +22,11 @@
 namespace accessvdb::io {
 namespace {
 
-/// Names that stand for none: the frame of poses that do not say whose they are, and the one that they are in.
-const std::string kSensorFrame = "\nsensor", kWorldFrame = "\nworld";
-
 std::string metresText(double value) {
   char text[64];
   std::snprintf(text, sizeof text, "%.1f m", value);
   return text;
 }
-std::string frameText(const std::string& name) {
-  return name.empty() || name.front() == '\n' ? "without a name" : wordForMessage(name);
-}
-
-std::string plainFrame(std::string name) {
-  if (!name.empty() && name.front() == '/') name.erase(0, 1);
-  return name;
-}
-
-constexpr std::uint32_t kStray = static_cast<std::uint32_t>(-1);
-
-/// The frame of most clouds, the first of several; not one that does not move.
-template <typename IsFixed>
-std::optional<std::string> mostUsedFrame(const IndexedTopic& cloud, const IsFixed& isFixed) {
-  std::vector<std::size_t> used(cloud.frames.size());
-  for (const IndexedCloud& one : cloud.clouds) ++used[one.frame];
-  std::optional<std::size_t> most;
-  for (std::size_t frame = 0; frame < used.size(); ++frame)
-    if (!isFixed(cloud.frames[frame]) && (!most || used[frame] > used[*most])) most = frame;
-  if (!most) return std::nullopt;
-  return cloud.frames[*most];
-}
-
 std::string subjectOf(const std::vector<std::filesystem::path>& files) {
   return forMessage(files.size() == 1 ? files.front().native() : files.front().parent_path().native());
 }
@@ -156,33 +131,6 @@ FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
       "frame " + frameText(leaf) + " of " + wordForMessage(topic_) + " is not connected to frame " + frameText(world_) +
           "; known are " + (edges.empty() ? "none" : edges),
       "Record /tf and /tf_static, choose another pose_topic or fixed_frame, or use ScanInputOptions::poses");
-}
-
-void RecordingSteps::leaveOutStrays(IndexedTopic& cloud, bool usual_is_posed) {
-  const std::string usual = *mostUsedFrame(cloud, [](const std::string&) { return false; });
-  std::vector<std::uint32_t> place(cloud.frames.size());  ///< [frame] among those that are left
-  std::vector<std::string> left;
-  std::string stray;
-  for (std::size_t frame = 0; frame < cloud.frames.size(); ++frame) {
-    const std::string& name = cloud.frames[frame];
-    const bool posed = usual_is_posed && (name == world_ || plainFrame(name) == plainFrame(usual));
-    const bool connected = posed || frames_.chain(world_, name).has_value();
-    place[frame] = connected ? static_cast<std::uint32_t>(left.size()) : kStray;
-    if (connected) left.push_back(name);
-    if (!connected && stray.empty()) stray = frameText(name);
-  }
-  const auto isStray = [&](const IndexedCloud& one) { return place[one.frame] == kStray; };
-  const std::size_t all = cloud.clouds.size();
-  const auto strays = static_cast<std::size_t>(std::count_if(cloud.clouds.begin(), cloud.clouds.end(), isStray));
-  if (left.size() == cloud.frames.size() || 2 * strays >= all) return;
-  std::erase_if(cloud.clouds, isStray);
-  for (IndexedCloud& one : cloud.clouds) one.frame = place[one.frame];
-  cloud.frames = std::move(left);
-  if (strays > 0)
-    warnings_.push_back({"scans.skipped", std::to_string(strays) + " of " + std::to_string(all) + " clouds of " +
-                                              wordForMessage(topic_) + " are skipped: they are in frame " + stray +
-                                              ", which nothing connects to frame " + frameText(usual) +
-                                              " of the others"});
 }
 
 void RecordingSteps::useOdometry(IndexedTopic& poses, IndexedTopic& cloud, const ScanInputOptions& options) {
