@@ -24,7 +24,7 @@ std::string record(char opcode, const std::string& content) {
   return bytes + content;
 }
 
-enum Channel : std::uint16_t { kClouds = 1, kOdometry = 2, kFixed = 3 };
+enum Channel : std::uint16_t { kClouds = 1, kOdometry = 2, kFixed = 3, kImu = 4 };
 
 std::string channel(Channel id, const std::string& topic, const std::string& type) {
   std::string schema, channel;
@@ -51,13 +51,14 @@ std::string header(double stamp_s, const std::string& frame) {
   put(bytes, static_cast<std::uint32_t>(tenths % 10 * 100'000'000));
   return bytes + counted(frame);
 }
-std::string cloud(const WorldScan& scan, double stamp_s, std::size_t missing_bytes = 0) {
+std::string cloud(const WorldScan& scan, double stamp_s, std::size_t missing_bytes = 0,
+                  const std::string& frame = "lidar") {
   std::string points;
   for (const Eigen::Vector3d& p_S : scan.points_S())
     for (const double value : {p_S.x(), p_S.y(), p_S.z()}) put(points, static_cast<float>(value));
   const auto count = static_cast<std::uint32_t>(points.size() / 12);
   points.resize(points.size() - missing_bytes);
-  std::string data = header(stamp_s, "lidar");
+  std::string data = header(stamp_s, frame);
   put(data, std::uint32_t{1});
   put(data, count);
   put(data, std::uint32_t{3});
@@ -90,11 +91,22 @@ std::string fixedTransform(double x_m) {
   for (const double value : {x_m, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0}) put(data, value);
   return message(kFixed, 1700000000, data);
 }
+/// At rest, in the frame of what is posed.
+std::string imu(const WorldScan& scan, double stamp_s) {
+  constexpr double kGravity_m_s2 = 9.81;
+  std::string data = header(stamp_s, "base");
+  for (int i = 0; i < 4 + 9 + 3 + 9; ++i) put(data, i == 3 ? 1.0 : 0.0);
+  const Eigen::Vector3d force = scan.T_W_S.linear().transpose() * Eigen::Vector3d(0, 0, kGravity_m_s2);
+  for (const double value : {force.x(), force.y(), force.z()}) put(data, value);
+  for (int i = 0; i < 9; ++i) put(data, 0.0);
+  return message(kImu, stamp_s, data);
+}
 std::string recording(const std::string& messages) {
   const std::string magic("\x89MCAP0\r\n", 8);
   return magic + record(1, counted("ros1") + counted("")) + channel(kClouds, "/points", "sensor_msgs/PointCloud2") +
          channel(kOdometry, "/odom", "nav_msgs/Odometry") + channel(kFixed, "/tf_static", "tf2_msgs/TFMessage") +
-         messages + record(15, std::string(4, '\0')) + record(2, std::string(20, '\0')) + magic;
+         channel(kImu, "/imu", "sensor_msgs/Imu") + messages + record(15, std::string(4, '\0')) +
+         record(2, std::string(20, '\0')) + magic;
 }
 
 class BadMessages : public InputTest {
@@ -140,6 +152,26 @@ TEST_F(BadMessages, OfCloudsCostTheirCloud) {
   EXPECT_TRUE(elsewhere.warns("scans.skipped")) << elsewhere.program.err;
 }
 
+TEST_F(BadMessages, InAnotherFrameCostTheirCloud) {
+  for (const int stray : {0, 3, 7}) {
+    const auto without = mapRecording([&](const WorldScan& scan, int i) { return i == stray ? "" : whole(scan, i); });
+    for (const char* frame : {"other", ""}) {
+      const MapOutcome outcome = mapRecording(
+          [&](const WorldScan& scan, int i) { return cloud(scan, scan.stamp_s, 0, i == stray ? frame : "lidar"); });
+      expectSame(outcome, without);
+      EXPECT_TRUE(outcome.warns("scans.skipped")) << outcome.program.err;
+      EXPECT_NE(outcome.program.err.find("1 of 8 clouds of /points"), std::string::npos) << outcome.program.err;
+    }
+  }
+  EXPECT_TRUE(mapRecording([](const WorldScan& scan, int i) {
+                return cloud(scan, scan.stamp_s, 0, i > 3 ? "other" : "lidar");
+              }).fails("recording.frames"));
+  // A frame that is connected is one more sensor.
+  EXPECT_FALSE(mapRecording([](const WorldScan& scan, int i) {
+                 return cloud(scan, scan.stamp_s, 0, i == 3 ? "base" : "lidar");
+               }).warns("scans.skipped"));
+}
+
 TEST_F(BadMessages, ThatAreThereTwiceCountOnce) {
   const MapOutcome once = mapRecording(whole);
   const MapOutcome twice = mapRecording(
@@ -152,6 +184,27 @@ TEST_F(BadMessages, OfPosesCostTheirPose) {
   const MapOutcome outcome = mapRecording(whole, 0);
   expectRight(outcome);
   EXPECT_TRUE(outcome.warns("poses.skipped")) << outcome.program.err;
+}
+
+TEST_F(BadMessages, AWorldThatIsTiltedIsNamedOnce) {
+  static constexpr double kTilt_rad = 0.4;
+  const auto warnings = [this](bool with_imu) {
+    std::string messages = fixedTransform(0);
+    for (const WorldScan& scan : scans_) {
+      WorldScan tilted = scan;
+      tilted.T_W_S = Eigen::AngleAxisd(kTilt_rad, Eigen::Vector3d::UnitX()) * scan.T_W_S;
+      messages += odometry(tilted, scan.stamp_s) + whole(scan, 0);
+      for (int sample = 0; with_imu && sample < 4; ++sample) messages += imu(scan, scan.stamp_s);
+    }
+    writeBytes("flight.mcap", recording(messages));
+    const std::string err = map({"--scans", path("flight.mcap")}).program.err;
+    std::size_t count = 0;
+    for (std::size_t at = 0; (at = err.find("warning[poses.up]", at)) != std::string::npos; ++at) ++count;
+    EXPECT_EQ(count, 1U) << err;
+    return err;
+  };
+  EXPECT_NE(warnings(true).find("what the IMU feels"), std::string::npos);
+  EXPECT_NE(warnings(false).find("level surfaces"), std::string::npos);
 }
 
 TEST_F(BadMessages, TransformsThatPutTheSensorFarAwayAreNamed) {

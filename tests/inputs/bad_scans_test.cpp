@@ -65,6 +65,34 @@ TEST_F(BadScans, EmptyFilesAndCutHeadersAreLeftOut) {
   expectRight(mapScans({"--allow-truncated"}));
 }
 
+TEST_F(BadScans, HeadersWithoutDataAndLinksToLfsAreLeftOut) {
+  const MapOutcome without = withoutFourth();
+  const std::string pcd =
+      "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 9\nHEIGHT 1\nPOINTS 9\n";
+  const std::string pointer =
+      "version https://git-lfs.github.com/spec/v1\noid sha256:" + std::string(64, 'a') + "\nsize 9\n";
+  for (const std::string& bad : {pcd + "DATA binary\n", pcd + "DATA ascii\n", pcd + "DATA binary_compressed\n",
+                                 pcd + "DATA binary\n" + std::string(11, 'x'), pointer}) {
+    writeBytes("scans/000003.pcd", bad);
+    expectSkipped(mapScans(), without, "scans.skipped", "000003.pcd");
+  }
+  // Of the first one, too.
+  writeNumberedScans(scans_);
+  writeBytes("scans/000000.pcd", pointer);
+  const MapOutcome first = mapScans();
+  expectRight(first);
+  EXPECT_TRUE(first.warns("scans.skipped")) << first.program.err;
+  EXPECT_NE(first.program.err.find("Git LFS pointer"), std::string::npos) << first.program.err;
+  // A scan that says that it has no points is right.
+  std::string none = pcd + "DATA binary\n";
+  for (const char* count : {"WIDTH 9", "POINTS 9"}) none[none.find(count) + std::strlen(count) - 1] = '0';
+  writeNumberedScans(scans_);
+  writeBytes("scans/000003.pcd", none);
+  EXPECT_FALSE(mapScans().warns("scans.skipped"));
+  for (int i = 0; i < 5; ++i) writeBytes("scans/00000" + std::to_string(i) + ".pcd", pointer);
+  EXPECT_TRUE(mapScans().fails("input.lfs_pointer"));
+}
+
 TEST_F(BadScans, MostOfThemAreRefused) {
   for (int i = 0; i < 5; ++i) writeBytes("scans/00000" + std::to_string(i) + ".pcd", "");
   EXPECT_TRUE(mapScans().fails("input.empty"));

@@ -172,6 +172,140 @@ TEST_F(PoseInputs, MatricesOfAnyLayoutAreRead) {
   expectBase(mapGiven(), "a number and 12");
 }
 
+TEST_F(PoseInputs, NamesOfFilesCountBeforeNumbers) {
+  const auto file = [](int i) { return text("%06d.pcd", i); };
+  const auto csv = [](const WorldScan& s) { return xyz(s, ",") + "," + wLast(s, ","); };
+  write(kNumbered, "id,file,x,y,z,qx,qy,qz,qw\n",
+        [&](const WorldScan& s, int i) { return text("%d,", i + 1) + file(i) + "," + csv(s); });
+  expectBase(mapGiven(), "ids from 1");
+  write(kNumbered, "frame,filename,x,y,z,qx,qy,qz,qw\n",
+        [&](const WorldScan& s, int i) { return text("%d,C:\\scans\\", 100 + i) + file(i) + "," + csv(s); });
+  expectBase(mapGiven(), "frames from 100");
+  write(kNumbered, "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n", [&](const WorldScan& s, int i) {
+    return text("%d ", i + 1) + wFirst(s, " ") + " " + xyz(s, " ") + " 1 " + file(i) + "\n";
+  });
+  expectBase(mapGiven(), "COLMAP's columns");
+  write(kNumbered, "time,file,x,y,z,qx,qy,qz,qw\n",
+        [&](const WorldScan& s, int i) { return tenths(s) + "," + file(7 - i) + "," + csv(s); });
+  const MapOutcome reversed = mapGiven();
+  EXPECT_NE(reversed.program.err.find("file name = name in the pose file"), std::string::npos) << reversed.program.err;
+  // The column is of something else: the numbers count.
+  write(kNumbered, "id,camera_name,x,y,z,qx,qy,qz,qw\n",
+        [&](const WorldScan& s, int i) { return text("%d,front,", i) + csv(s); });
+  expectBase(mapGiven(), "a camera's name");
+  write(kNumbered, "file,x,y,z,qx,qy,qz,qw\n",
+        [&](const WorldScan& s, int i) { return file(i == 5 ? 4 : i) + "," + csv(s); });
+  EXPECT_TRUE(mapGiven().fails("poses.duplicate"));
+}
+
+TEST_F(PoseInputs, NumbersFromAnotherBaseAreNeverMatchedOffByOne) {
+  const auto from = [](int first) {
+    return [first](const WorldScan& s, int i) { return text("%d ", i + first) + xyz(s, " ") + " " + wLast(s, " "); };
+  };
+  const auto named = [](int first) { return [first](const WorldScan&, int i) { return text("%06d", i + first); }; };
+  const std::string header = "id x y z qx qy qz qw\n";
+  for (const auto& [scan, pose] : {std::pair(0, 1), std::pair(1, 0)}) {
+    write(named(scan), header, from(pose));
+    const MapOutcome outcome = mapGiven();
+    expectBase(outcome, text("scans from %d, poses from %d", scan, pose));
+    EXPECT_NE(outcome.program.err.find("taken in order"), std::string::npos) << outcome.program.err;
+    EXPECT_NE(outcome.program.err.find("--match name"), std::string::npos) << outcome.program.err;
+    write(named(scan), "scan x y z qx qy qz qw\n", from(pose));
+    expectBase(mapGiven(), "numbers as names");
+  }
+  write(named(0), "", [](const WorldScan& s, int i) { return text("%d ", i + 1) + matrix(s, 3); });
+  expectBase(mapGiven(), "matrices with numbers from 1");
+  // A pose that is none must not hide the shift.
+  write(named(0), header, [&](const WorldScan& s, int i) {
+    return i == 3 ? std::string("4 nan nan nan nan nan nan nan") : from(1)(s, i);
+  });
+  const MapOutcome one_bad = mapGiven();
+  expectRight(one_bad);
+  EXPECT_NE(one_bad.program.err.find("7 of 8 scans, 7 poses"), std::string::npos) << one_bad.program.err;
+  for (const auto& [scan, pose] : {std::pair(0, 3), std::pair(5, 7), std::pair(0, 100)}) {
+    write(named(scan), header, from(pose));
+    const MapOutcome outcome = mapGiven();
+    EXPECT_TRUE(outcome.fails("poses.no_match")) << scan << pose << outcome.program.err;
+    EXPECT_NE(outcome.program.err.find("--match order"), std::string::npos) << outcome.program.err;
+    expectBase(mapGiven({"--match", "order"}), "order");
+  }
+}
+
+TEST_F(PoseInputs, QuotesAreNotPartOfCells) {
+  const auto quoted = [](const WorldScan& s, const std::string& between) {
+    return "\"" + tenths(s) + "\"" + between + "\"" + xyz(s, "\"" + between + "\"") + "\"" + between + "\"" +
+           wLast(s, "\"" + between + "\"") + "\"";
+  };
+  for (const char* between : {",", ";", "\t", " ", ", "}) {
+    write(kStamped, "", [&](const WorldScan& s, int) { return quoted(s, between); });
+    expectBase(mapGiven(), std::string("quoted, between them '") + between + "'");
+  }
+  write(kStamped, "\"time\",\"x\",\"y\",\"z\",\"qx\",\"qy\",\"qz\",\"qw\"\n",
+        [&](const WorldScan& s, int) { return quoted(s, ","); });
+  expectBase(mapGiven(), "a quoted header");
+  write(kStamped, "", [&](const WorldScan& s, int) { return replaced(quoted(s, ";"), '.', ','); });
+  expectBase(mapGiven(), "decimal commas");
+  write(kStamped, "", [&](const WorldScan& s, int) { return replaced(replaced(quoted(s, ";"), '.', ','), ';', ','); });
+  expectBase(mapGiven(), "decimal commas in quotes, between commas");
+  write(kStamped,
+        "Time,header.seq,header.frame_id,pose.pose.position.x,pose.pose.position.y,pose.pose.position.z,"
+        "pose.pose.orientation.x,pose.pose.orientation.y,pose.pose.orientation.z,pose.pose.orientation.w,"
+        "pose.covariance,twist.twist.linear.x\n",
+        [](const WorldScan& s, int i) {
+          return tenths(s) + text(",%d,odom,", i) + xyz(s, ",") + "," + wLast(s, ",") + ",\"(0.0, 0.0; 0.1)\",3";
+        });
+  expectBase(mapGiven(), "a cell with commas");
+}
+
+TEST_F(PoseInputs, MatricesOverSeveralLinesAreRead) {
+  const auto lines = [](const WorldScan& s, int rows) {
+    std::string all;
+    for (int i = 0; i < rows; ++i)
+      for (int k = 0; k < 4; ++k) all += decimals(s.T_W_S(i, k)) + (k < 3 ? " " : i + 1 < rows ? "\n" : "");
+    return all;
+  };
+  write(kNumbered, "", [&](const WorldScan& s, int) { return lines(s, 3); });
+  expectBase(mapGiven(), "3 lines of 4");
+  write(kNumbered, "8\n", [&](const WorldScan& s, int) { return lines(s, 3) + "\n"; });
+  expectBase(mapGiven(), "3 lines of 4, a blank one, and a count");
+  write(kNumbered, "", [&](const WorldScan& s, int) { return lines(s, 4); });
+  expectBase(mapGiven(), "4 lines of 4");
+  write(kNumbered, "", [&](const WorldScan& s, int i) { return text("%d %d %d\n", i, i, i + 1) + lines(s, 4); });
+  expectBase(mapGiven(), "Open3D's .log");
+  write(kNumbered, "", [&](const WorldScan& s, int) { return "0\t0\t8\n" + lines(s, 4); });
+  expectBase(mapGiven(), "a .log without numbers");
+  write(kNumbered, "", [&](const WorldScan& s, int i) { return text("%d %d 8\n", i, i + 1) + lines(s, 4); });
+  const MapOutcome pairs = mapGiven();
+  EXPECT_TRUE(pairs.fails("input.malformed")) << pairs.program.err;
+  EXPECT_NE(pairs.program.err.find("pairs of scans"), std::string::npos) << pairs.program.err;
+}
+
+TEST_F(PoseInputs, RotationsThatAreAnglesAreRefusedByName) {
+  for (const char* names : {"time,x,y,z,roll,pitch,yaw", "# time x y z roll_deg pitch_deg yaw_deg",
+                            "time x y z rx ry rz", "t;x;y;z;Heading[deg];Pitch[deg];Roll[deg]"}) {
+    write(kStamped, std::string(names) + "\n", [](const WorldScan& s, int) { return tenths(s) + " 0 0 1 0.1 0 0"; });
+    const MapOutcome outcome = mapGiven();
+    EXPECT_TRUE(outcome.fails("input.malformed")) << outcome.program.err;
+    EXPECT_NE(outcome.program.err.find("rotations as angles"), std::string::npos) << outcome.program.err;
+    EXPECT_EQ(outcome.program.err.find("remove the line"), std::string::npos) << outcome.program.err;
+  }
+}
+
+TEST_F(PoseInputs, ClocksThatDifferByAConstantAreNamed) {
+  write(kStamped, "",
+        [](const WorldScan& s, int i) { return text("%.1f ", 0.1 * i) + xyz(s, " ") + " " + wLast(s, " "); });
+  const MapOutcome relative = mapGiven();
+  EXPECT_TRUE(relative.fails("poses.no_overlap")) << relative.program.err;
+  EXPECT_NE(relative.program.err.find("--time-offset -1700000000 "), std::string::npos) << relative.program.err;
+  expectBase(mapGiven({"--time-offset", "-1700000000"}), "as advised");
+  // Of another span, nothing says what belongs together.
+  write(kStamped, "",
+        [](const WorldScan& s, int i) { return text("%.1f ", 0.3 * i) + xyz(s, " ") + " " + wLast(s, " "); });
+  const MapOutcome longer = mapGiven();
+  EXPECT_TRUE(longer.fails("poses.no_overlap")) << longer.program.err;
+  EXPECT_EQ(longer.program.err.find("--time-offset"), std::string::npos) << longer.program.err;
+}
+
 TEST_F(PoseInputs, NamesOfScansAreTimes) {
   const Line line = [](const WorldScan& s, int) { return tum(s); };
   const auto expectTime = [&](const Name& name, const std::string& what) {

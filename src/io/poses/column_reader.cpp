@@ -42,6 +42,52 @@ bool numbersHaveCommas(std::string_view line) {
   return numbers > 1 && 2 * commas >= numbers;
 }
 
+/// Without quotes, as in point files: between them, separators are part of the cell. One separator stays, and those
+/// in cells become something else.
+std::string unquotedLine(std::string_view line) {
+  std::string plain;
+  const bool paired = std::count(line.begin(), line.end(), '"') % 2 == 0;
+  const auto walk = [&](const auto& take) {
+    bool inside = false;
+    for (const char c : line) {
+      if (c == '"') {
+        inside = paired && !inside;
+      } else {
+        take(c, inside);
+      }
+    }
+  };
+  char separator = ' ';
+  for (const char candidate : {'\t', ',', ';'})
+    walk([&](char c, bool inside) {
+      if (!inside && c == candidate) separator = candidate;
+    });
+  walk([&](char c, bool inside) {
+    if (separator == ' ') {
+      plain += inside && (c == ' ' || c == '\t') ? '_' : c;
+    } else if (inside) {
+      plain += c == ';' ? ' ' : c;
+    } else {
+      plain += c == separator ? ';' : c;
+    }
+  });
+  return plain;
+}
+
+/// Rotations that names say to be angles, or a vector along their axis.
+bool hasAngles(std::string_view names) {
+  std::vector<std::string_view> words;
+  std::string text = inLowerCase(names);
+  for (char& c : text) c = (c >= 'a' && c <= 'z') || c == ' ' ? c : ' ';
+  splitTokens(text, words);
+  return std::any_of(words.begin(), words.end(), [](std::string_view word) {
+    for (const std::string_view angle : {"roll", "pitch", "yaw", "rpy", "ypr", "euler", "heading", "azimuth", "omega",
+                                         "phi", "kappa", "rotvec", "rodrigues", "angle", "axis", "rx", "rz"})
+      if (word == angle || (word.starts_with(angle) && angle.size() > 2)) return true;
+    return false;
+  });
+}
+
 }  // namespace
 
 void ColumnReader::refuseNames(const std::string& problem) const {
@@ -88,6 +134,11 @@ void ColumnReader::settleNames() {
       names_.reset();
       return;
     }
+    if (wanted_.pose && names_->hasPosition() && hasAngles(names_text_))
+      throw InputError("input.malformed", lines_.subject(),
+                       "line " + std::to_string(names_line_) + " (" + namesInWords() +
+                           ") gives rotations as angles, of which there are several kinds and orders",
+                       "Convert them to quaternions, qx qy qz qw");
     refuseNames(std::string("does not name ") + wanted_.names);
   }
   if (names_->conflict == "feet") refuseNames("has positions in feet, of which there are several kinds: write metres");
@@ -121,6 +172,10 @@ void ColumnReader::split(std::string_view line) {
 bool ColumnReader::next() {
   std::string_view line;
   while (lines_.next(line)) {
+    if (line.find('"') != std::string_view::npos) {
+      plain_ = unquotedLine(line);
+      line = plain_;
+    }
     const std::size_t begin = line.find_first_not_of(kBlank);
     if (begin == std::string_view::npos) continue;
     if (isComment(line.substr(begin))) {
@@ -143,7 +198,10 @@ bool ColumnReader::next() {
     if (++rows_ == 1) settleNames();
     return true;
   }
-  if (count_ && rows_ != *count_ && rows_ != 4 * *count_)  // matrices take four lines
+  // Matrices take three or four lines, or five in a .log.
+  const bool counted =
+      count_ && (rows_ == *count_ || rows_ == 3 * *count_ || rows_ == 4 * *count_ || rows_ == 5 * *count_);
+  if (count_ && !counted)
     throw InputError("input.malformed", lines_.subject(),
                      "announces " + std::to_string(*count_) + " lines and has " + std::to_string(rows_),
                      "Copy the file again, or correct the count in its first line");

@@ -49,7 +49,8 @@ class ColumnReader {
   LineReader& lines_;
   Wanted wanted_;
   std::vector<std::string_view> cells_;
-  std::string row_;  ///< with points for decimal commas
+  std::string plain_;  ///< the line without quotes
+  std::string row_;    ///< with points for decimal commas
   std::optional<NamedColumns> names_;
   std::string names_text_;
   std::size_t names_line_ = 0;

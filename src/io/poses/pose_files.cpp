@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "accessvdb/error.h"
 #include "io/poses/column_reader.h"
@@ -15,8 +16,9 @@ namespace accessvdb::io {
 namespace {
 
 constexpr const char* kKnownFormats =
-    "Known formats are TUM (8 numbers), KITTI (12), 4x4 matrices (16), both with a time (13, 17), HBA (7) and BALM (4 "
-    "lines of 4); others need a first line of column names such as timestamp x y z qx qy qz qw";
+    "Known formats are TUM (8 numbers), KITTI (12), 4x4 matrices (16), both with a time (13, 17), HBA (7), BALM (4 "
+    "lines of 4), 3 lines of 4 and Open3D's .log; others need a first line of column names such as timestamp x y z qx "
+    "qy qz qw";
 
 constexpr ColumnReader::Wanted kPoseColumns = {
     .id = "poses",
@@ -55,8 +57,8 @@ PoseTable readTable(const std::filesystem::path& path, PoseFile& file) {
       double time_s = names.hasTime() ? reader.number(names.time) : 0;
       if (names.nanoseconds != NamedColumns::kNone) time_s += 1e-9 * reader.number(names.nanoseconds);
       row.values = {time_s, names.index == NamedColumns::kNone || names.hasTime() ? 0 : reader.number(names.index)};
-      if (names.file < reader.cells().size() && !names.hasTime() && names.index == NamedColumns::kNone)
-        file.scan_names.emplace_back(reader.cells()[names.file]);
+      if (names.file != NamedColumns::kNone)
+        file.scan_names.emplace_back(names.file < reader.cells().size() ? reader.cells()[names.file] : "");
       for (const std::size_t column : neededColumns(names)) row.values.push_back(reader.number(column));
     } else {
       for (std::size_t column = 0; column < reader.cells().size(); ++column)
@@ -126,10 +128,28 @@ void requireFormat(PoseFormat format, const PoseTable& table, const std::string&
                         "Omit pose_format, or remove the line of names if it is wrong");
 }
 
+/// A column of files' names counts before one of numbers. Where it has whole numbers, each once, those are the numbers
+/// of the scans.
+void takeNumbersFromNames(const NamedColumns& names, PoseFile& file) {
+  constexpr std::uint64_t kMost = 1'000'000'000'000'000;  // as of a column of numbers: beyond are times
+  std::vector<std::uint64_t> numbers;
+  for (const std::string& name : file.scan_names) {
+    std::uint64_t number = 0;
+    if (!parseCount(name, number) || number >= kMost) return;
+    numbers.push_back(number);
+  }
+  if (numbers.empty()) return;
+  file.scan_names.clear();
+  if (names.hasTime()) return;
+  const bool different = std::set<std::uint64_t>(numbers.begin(), numbers.end()).size() == numbers.size();
+  if (!different && file.numbered) return;
+  file.numbered = true;
+  file.numbers = std::move(numbers);
+}
+
 void readNamed(const PoseTable& table, PoseFile& file, PoseRowReader& reader) {
   const NamedColumns& names = *table.names;
   file.numbered = !names.hasTime() && names.index != NamedColumns::kNone;
-  std::vector<std::size_t> number_of;
   for (const PoseRow& row : table.rows) {
     const double* const v = row.values.data() + 2;
     const double number = row.values[1];
@@ -137,7 +157,7 @@ void readNamed(const PoseTable& table, PoseFile& file, PoseRowReader& reader) {
       throw InputError("input.malformed", file.subject,
                        "line " + std::to_string(row.line) + " has a scan's number that is no whole number",
                        "Correct the column, or its name");
-    number_of.push_back(static_cast<std::size_t>(number));
+    if (file.numbered) file.numbers.push_back(static_cast<std::uint64_t>(number));
     reader.add(row.line, row.values[0], [&](PoseChecker& checker) {
       Eigen::Isometry3d pose =
           names.hasMatrix()
@@ -147,8 +167,9 @@ void readNamed(const PoseTable& table, PoseFile& file, PoseRowReader& reader) {
       return pose;
     });
   }
-  if (file.numbered)
-    for (PoseEntry& pose : file.poses) pose.index = number_of[pose.index];
+  takeNumbersFromNames(names, file);
+  if (file.numbered && file.scan_names.empty())
+    for (PoseEntry& pose : file.poses) pose.index = file.numbers[pose.index];
   file.stamped = names.hasTime();
   std::string order;
   if (!names.hasMatrix()) {
@@ -230,7 +251,8 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
                       bool sort_poses) {
   PoseFile file;
   file.subject = forMessage(path.native());
-  const PoseTable table = readTable(path, file);
+  PoseTable table = readTable(path, file);
+  if (!table.names) joinLines(table.rows, format, file);
   const std::vector<PoseRow>& rows = table.rows;
   PoseRowReader reader(file);
   if (table.names) {
@@ -261,7 +283,7 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
     }
   }
   reader.finish();
-  if (file.numbered) requireDifferentNumbers(file);
+  if (file.numbered && file.scan_names.empty()) requireDifferentNumbers(file);
   if (file.stamped) {
     scaleStamps(file, table.names ? table.names->time_unit_s : std::nullopt);
     checkStamps(file, sort_poses);

@@ -27,7 +27,8 @@ struct PoseFile {
   bool stamped = false;                 ///< then stamps increase strictly, except for repeated BALM poses
   bool numbered = false;                ///< a column gives each pose its number
   std::vector<PoseEntry> poses;         ///< not empty
-  std::vector<std::string> scan_names;  ///< [PoseEntry::index] of poses without times, if a column names the files
+  std::vector<std::string> scan_names;  ///< [PoseEntry::index], then the place, if a column names the files
+  std::vector<std::uint64_t> numbers;   ///< [place in the file] of numbered poses, with those that are not poses
   std::size_t written = 0;              ///< in the file, with those that are not poses
   std::vector<std::string> notices;
   std::vector<ScanWarning> warnings;

@@ -3,12 +3,14 @@
 #include "io/poses/pose_matching.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <map>
 #include <set>
 
 #include "accessvdb/error.h"
+#include "io/poses/pose_checks.h"
 #include "io/streams/input_file.h"
 #include "io/streams/text_lines.h"
 
@@ -66,26 +68,85 @@ void tellSkipped(std::size_t skipped, std::size_t all, const std::string& why, M
                              " scans are skipped: " + why);
 }
 
+/// What is added to the numbers of all poses to get those of the scans; nothing unless there are as many.
+std::optional<std::int64_t> constantShift(std::vector<std::uint64_t> of_scans, std::vector<std::uint64_t> of_poses) {
+  if (of_scans.size() != of_poses.size() || of_scans.empty()) return std::nullopt;
+  std::sort(of_scans.begin(), of_scans.end());
+  std::sort(of_poses.begin(), of_poses.end());
+  const auto shift = static_cast<std::int64_t>(of_scans[0] - of_poses[0]);
+  for (std::size_t i = 1; i < of_scans.size(); ++i)
+    if (static_cast<std::int64_t>(of_scans[i] - of_poses[i]) != shift) return std::nullopt;
+  return shift;
+}
+
+/// Scans that count from 0 and poses that count from 1, or the reverse: pairing equal numbers would put every scan at
+/// the pose of its neighbour. Any other shift has no such reason, so that nothing says which is meant.
+std::int64_t shiftOfCounting(const std::vector<std::string>& stems, const std::vector<std::uint64_t>& numbers,
+                             const PoseFile& poses) {
+  const std::int64_t shift = constantShift(numbers, poses.numbers).value_or(0);
+  if (shift == 0) return 0;
+  const std::uint64_t first_scan = *std::min_element(numbers.begin(), numbers.end());
+  const std::uint64_t first_pose = *std::min_element(poses.numbers.begin(), poses.numbers.end());
+  if (first_scan + first_pose == 1) return shift;
+  throw UnusableInput("poses.no_match", poses.subject,
+                      "the numbers of the poses begin with " + std::to_string(first_pose) +
+                          " and those of as many scans " + "with " + std::to_string(first_scan) + ": " +
+                          describeScans(stems, {}) + ", " + describePoses(poses),
+                      "Use Match::Order if they belong together in this order, or Match::Name if equal numbers do");
+}
+
 MatchResult matchByNumber(const std::vector<std::string>& stems, const std::vector<std::uint64_t>& numbers,
-                          const PoseFile& poses) {
+                          const PoseFile& poses, bool any) {
+  const std::int64_t shift = any && poses.numbered ? shiftOfCounting(stems, numbers, poses) : 0;
   std::map<std::uint64_t, const PoseEntry*> by_index;
   for (const PoseEntry& pose : poses.poses) by_index[pose.index] = &pose;
   MatchResult result;
   for (std::size_t i = 0; i < numbers.size(); ++i) {
-    const auto pose = by_index.find(numbers[i]);
+    const auto pose = by_index.find(numbers[i] - static_cast<std::uint64_t>(shift));
     if (pose != by_index.end()) result.scans.push_back({i, pose->second->T_W_S, pose->second->stamp_s});
   }
   if (result.scans.empty())
     throw UnusableInput("poses.no_match", poses.subject,
                         "no scan has a pose with its number: " + describeScans(stems, {}) + ", " + describePoses(poses),
                         "Name the scans by the numbers of the poses");
-  result.rule = std::string("matching: file number = ") +
-                (poses.numbered ? "the pose's number in its file" : "pose index, from 0") + " (" +
+  result.rule = std::string("matching: file number") +
+                (shift == 1    ? " - 1"
+                 : shift == -1 ? " + 1"
+                               : "") +
+                " = " + (poses.numbered ? "the pose's number in its file" : "pose index, from 0") + " (" +
                 std::to_string(result.scans.size()) +
                 (result.scans.size() < numbers.size() ? " of " + std::to_string(numbers.size()) : "") + " scans, " +
                 std::to_string(poses.poses.size()) + " poses)";
   tellSkipped(numbers.size() - result.scans.size(), numbers.size(), "there is no pose of their number", result);
+  if (shift != 0)
+    result.notices.push_back(std::string("matching: scans count from ") +
+                             (shift > 0 ? "1 and poses from 0" : "0 and poses from 1") +
+                             ", and there are as many: they are taken in order. Where equal numbers belong together, "
+                             "use Match::Name");
   return result;
+}
+
+std::string stemOf(const std::string& name) {
+  // Paths of Windows have other separators.
+  const std::size_t folder = name.find_last_of("/\\");
+  return std::filesystem::path(folder == std::string::npos ? name : name.substr(folder + 1)).stem().string();
+}
+
+/// A column of names may be of something else: of a camera, of a sensor.
+bool nameSome(const std::vector<std::string>& names, const std::vector<std::string>& stems) {
+  const std::set<std::string> files(stems.begin(), stems.end());
+  return std::any_of(names.begin(), names.end(),
+                     [&](const std::string& name) { return files.contains(name) || files.contains(stemOf(name)); });
+}
+
+/// The same poses by the numbers of another column.
+std::optional<PoseFile> byNumbers(const PoseFile& poses) {
+  const std::set<std::uint64_t> different(poses.numbers.begin(), poses.numbers.end());
+  if (!poses.numbered || different.size() != poses.numbers.size()) return std::nullopt;
+  PoseFile numbered = poses;
+  numbered.scan_names.clear();
+  for (PoseEntry& pose : numbered.poses) pose.index = poses.numbers.at(pose.index);
+  return numbered;
 }
 
 /// By the column with the files' names, without their folders and extensions; or by their numbers, if it has numbers.
@@ -98,15 +159,24 @@ MatchResult matchByName(const std::vector<std::string>& stems, const PoseFile& p
     std::uint64_t number = 0;
     numbers = numbers && parseCount(name, number);
     by_number[number] = &pose;
-    by_name[std::filesystem::path(name).stem().string()] = by_name[name] = &pose;
+    for (const std::string& key : {name, stemOf(name)}) {
+      const auto [known, added] = by_name.emplace(key, &pose);
+      if (!added && known->second != nullptr && !isSamePose(known->second->T_W_S, pose.T_W_S)) known->second = nullptr;
+    }
   }
   MatchResult result;
   for (std::size_t i = 0; i < stems.size(); ++i) {
     const PoseEntry* pose = nullptr;
-    if (const auto named = by_name.find(stems[i]); named != by_name.end()) pose = named->second;
+    if (const auto named = by_name.find(stems[i]); named != by_name.end()) {
+      pose = named->second;
+      if (pose == nullptr)
+        throw UnusableInput("poses.duplicate", poses.subject,
+                            "has several different poses for " + forMessage(stems[i], 64),
+                            "Leave the one that belongs to the scan");
+    }
     const auto number = fileNumber(stems[i]);
     if (pose == nullptr && numbers && number && by_number.contains(*number)) pose = by_number.at(*number);
-    if (pose != nullptr) result.scans.push_back({i, pose->T_W_S, 0});
+    if (pose != nullptr) result.scans.push_back({i, pose->T_W_S, pose->stamp_s});
   }
   if (result.scans.empty())
     throw UnusableInput("poses.no_match", poses.subject,
@@ -140,6 +210,17 @@ std::string adviceForClock(const FileStamps& names, const PoseFile& poses, const
       std::snprintf(text, sizeof text, "%.0f", request.time_offset_s + offset_s);
       return std::string("Use time_offset_s ") + text + ", if the names are in local time";
     }
+  }
+  // One clock began at zero, or in another century: alike spans, which begin together.
+  const auto [first, last] = std::minmax_element(names.stamps_s.begin(), names.stamps_s.end());
+  const double span_s = *last - *first, of_poses_s = poses.poses.back().stamp_s - poses.poses.front().stamp_s;
+  if (span_s > 0 && std::abs(span_s - of_poses_s) <= 0.1 * std::max(span_s, of_poses_s)) {
+    char text[64];
+    std::snprintf(text, sizeof text, "%.6f", poses.poses.front().stamp_s - *first);
+    std::string offset(text);
+    offset.erase(std::max(offset.find_last_not_of('0') + 1, offset.find('.')));
+    if (offset.back() == '.') offset.pop_back();
+    return "Use time_offset_s " + offset + " if both began at the same time, or poses on the same clock";
   }
   return "Use poses of this recording, on the same clock";
 }
@@ -219,8 +300,13 @@ MatchResult matchInOrder(const std::vector<std::string>& stems, const PoseFile& 
     for (std::size_t i = 0; i < stems.size(); ++i)
       result.scans.push_back({i, poses.poses[i].T_W_S, poses.poses[i].stamp_s});
   } else {  // some of the poses are none
-    for (const PoseEntry& pose : poses.poses)
-      if (pose.index < stems.size()) result.scans.push_back({pose.index, pose.T_W_S, pose.stamp_s});
+    for (const PoseEntry& pose : poses.poses) {
+      std::size_t place = pose.index;
+      if (poses.numbered && poses.scan_names.empty())
+        place = static_cast<std::size_t>(std::find(poses.numbers.begin(), poses.numbers.end(), pose.index) -
+                                         poses.numbers.begin());
+      if (place < stems.size()) result.scans.push_back({place, pose.T_W_S, pose.stamp_s});
+    }
   }
   result.rule = "matching: same number of scans and poses (" + std::to_string(stems.size()) + "), taken in order" +
                 (asked ? ", as Match::Order asks" : "; neither names nor times could confirm it");
@@ -286,8 +372,14 @@ MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& po
   for (const PoseEntry& pose : poses.poses) limit = std::max<std::uint64_t>(limit, pose.index + 1);
 
   if (!poses.scan_names.empty() && (any || request.match == Match::Name)) {
-    refuseOffset(request.time_offset_s);
-    return matchByName(stems, poses);
+    const bool some = nameSome(poses.scan_names, stems);
+    if (const auto numbered = some ? std::nullopt : byNumbers(poses))
+      return matchPoses(stems, *numbered, times, times_name, request);
+    const bool timed = poses.stamped && (!some || names || request.time_offset_s != 0);
+    if (!timed || !any) {
+      refuseOffset(request.time_offset_s);
+      return matchByName(stems, poses);
+    }
   }
 
   const bool indexed = poses.format != PoseFormat::Tum || poses.numbered;
@@ -295,7 +387,7 @@ MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& po
     // Numbers that the file gives may be of other scans, too, and of some there may be no pose.
     if (const auto numbers = numbersOf(stems, poses.numbered ? UINT64_MAX : limit)) {
       refuseOffset(request.time_offset_s);
-      return matchByNumber(stems, *numbers, poses);
+      return matchByNumber(stems, *numbers, poses, any);
     }
   }
 

@@ -39,7 +39,64 @@ bool areNumbers(const std::vector<PoseRow>& rows, std::size_t column) {
   });
 }
 
+/// Lines of 4, of which a pose takes three: most of them are then rotations.
+bool areThreeLines(const std::vector<PoseRow>& rows) {
+  if (rows.size() % 3 != 0) return false;
+  const auto four = [](const PoseRow& row) { return row.values.size() == 4; };
+  if (!std::all_of(rows.begin(), rows.end(), four)) return false;
+  std::size_t last_rows = 0, rotations = 0;
+  for (std::size_t i = 3; i < rows.size(); i += 4) {
+    const auto& v = rows[i].values;
+    last_rows += v[0] == 0 && v[1] == 0 && v[2] == 0 ? 1 : 0;
+  }
+  if (rows.size() % 4 == 0 && 8 * last_rows >= rows.size()) return false;  // BALM
+  for (std::size_t i = 0; i < rows.size(); i += 3) {
+    std::array<double, 12> m;
+    for (std::size_t r = 0; r < 3; ++r) std::copy_n(rows[i + r].values.begin(), 4, m.begin() + 4 * r);
+    rotations += isNearlyRotation(m.data()) ? 1 : 0;
+  }
+  return 6 * rotations >= rows.size();
+}
+
+/// Each fifth line has three whole numbers, the others 4.
+bool isLog(const std::vector<PoseRow>& rows) {
+  if (rows.size() % 5 != 0) return false;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const std::vector<double>& v = rows[i].values;
+    if (v.size() != (i % 5 == 0 ? 3 : 4)) return false;
+    if (i % 5 == 0 && !std::all_of(v.begin(), v.end(), [](double n) { return n == std::floor(n); })) return false;
+  }
+  return true;
+}
+
 }  // namespace
+
+void joinLines(std::vector<PoseRow>& rows, PoseFormat format, PoseFile& file) {
+  if (format != PoseFormat::Auto && format != PoseFormat::Kitti) return;
+  const bool log = isLog(rows);
+  if (!log && !areThreeLines(rows)) return;
+  std::vector<PoseRow> joined;
+  const std::size_t lines = log ? 5 : 3;
+  for (std::size_t i = 0; i < rows.size(); i += lines) {
+    PoseRow pose{{}, rows[i].line};
+    if (log && rows[i].values[0] != rows[i].values[1])
+      throw InputError("input.malformed", file.subject,
+                       "line " + std::to_string(pose.line) +
+                           " has the numbers of two scans: this is a .log of how pairs of scans lie to each other, not "
+                           "of where each of them is",
+                       "Use the .log of the trajectory");
+    // The number of the scan stays, before its matrix.
+    if (log) pose.values.push_back(rows[i].values[0]);
+    for (std::size_t k = log ? 1 : 0; k < lines; ++k)
+      pose.values.insert(pose.values.end(), rows[i + k].values.begin(), rows[i + k].values.end());
+    joined.push_back(std::move(pose));
+  }
+  if (log && !areNumbers(joined, 0))
+    for (PoseRow& pose : joined) pose.values.erase(pose.values.begin());
+  rows = std::move(joined);
+  file.notices.push_back(log ? "poses: a .log as Open3D writes it, five lines for each pose"
+                             : "poses: three lines of four numbers for each pose");
+}
 
 void readMatrices(const std::vector<PoseRow>& rows, PoseFile& file, PoseRowReader& reader) {
   const std::size_t width = rows.front().values.size();
@@ -65,11 +122,10 @@ void readMatrices(const std::vector<PoseRow>& rows, PoseFile& file, PoseRowReade
   const bool timed_square =
       square && by_row && !more && countRows(rows, [](const PoseRow& row) { return row.values[15] != 1; }) >= half;
   const bool numbers = more && areNumbers(rows, extra);
-  std::vector<std::size_t> number_of;
   for (const PoseRow& row : rows) {
     const double* const v = row.values.data() + begin;
     const double stamp_s = more && !numbers ? row.values[extra] : timed_square ? v[15] : 0;
-    if (numbers) number_of.push_back(static_cast<std::size_t>(row.values[extra]));
+    if (numbers) file.numbers.push_back(static_cast<std::uint64_t>(row.values[extra]));
     reader.add(row.line, stamp_s, [&](PoseChecker& checker) {
       const Eigen::Matrix4d columns =
           square ? Eigen::Matrix4d(Eigen::Map<const Eigen::Matrix4d>(v)) : Eigen::Matrix4d();
@@ -84,7 +140,7 @@ void readMatrices(const std::vector<PoseRow>& rows, PoseFile& file, PoseRowReade
     });
   }
   if (numbers)
-    for (PoseEntry& pose : file.poses) pose.index = number_of[pose.index];
+    for (PoseEntry& pose : file.poses) pose.index = file.numbers[pose.index];
   file.numbered = numbers;
   file.stamped = (more && !numbers) || timed_square;
   if (width == 12) return;  // KITTI

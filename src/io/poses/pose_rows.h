@@ -73,6 +73,9 @@ void requireWidth(const std::vector<PoseRow>& rows, std::size_t width, const std
 
 /// KITTI's 3x4 matrices, 4x4 matrices of 16 numbers, and both with a time or a number first or last.
 void readMatrices(const std::vector<PoseRow>& rows, PoseFile& file, PoseRowReader& reader);
+/// Rows of 3x4 matrices in three lines of 4, and of Open3D's .log (a line "i i n", then four lines of 4), become one
+/// row for each pose. @throws InputError "input.malformed": a .log of how pairs of scans lie to each other
+void joinLines(std::vector<PoseRow>& rows, PoseFormat format, PoseFile& file);
 /// BALM: 4 lines of 4.
 void readBalm(const std::vector<PoseRow>& rows, PoseFile& file, PoseRowReader& reader);
 /// Camera poses in the first camera frame become scanner poses in the first scanner frame. @throws InputError

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "io/recordings/frame_names.h"
 #include "io/recordings/recording_steps.h"
 #include "io/recordings/stamp_words.h"
 
@@ -30,6 +31,34 @@ void RecordingSteps::leaveOutRepeated(std::vector<IndexedCloud>& clouds) {
                                              " clouds have the same bytes as another one, and count once: first at " +
                                              secondsText(first_ns) + " s"});
   clouds.resize(kept);
+}
+
+void RecordingSteps::leaveOutStrays(IndexedTopic& cloud, bool usual_is_posed) {
+  const std::string usual = *mostUsedFrame(cloud, [](const std::string&) { return false; });
+  constexpr auto kNotPosed = static_cast<std::uint32_t>(-1);
+  std::vector<std::uint32_t> place(cloud.frames.size());  ///< [frame] among those that are left
+  std::vector<std::string> left;
+  std::string stray;
+  for (std::size_t frame = 0; frame < cloud.frames.size(); ++frame) {
+    const std::string& name = cloud.frames[frame];
+    const bool posed = usual_is_posed && ((!world_.empty() && name == world_) || plainFrame(name) == plainFrame(usual));
+    const bool connected = posed || frames_.chain(world_, name).has_value();
+    place[frame] = connected ? static_cast<std::uint32_t>(left.size()) : kNotPosed;
+    if (connected) left.push_back(name);
+    if (!connected && stray.empty()) stray = frameText(name);
+  }
+  const auto isStray = [&](const IndexedCloud& one) { return place[one.frame] == kNotPosed; };
+  const std::size_t all = cloud.clouds.size();
+  const auto strays = static_cast<std::size_t>(std::count_if(cloud.clouds.begin(), cloud.clouds.end(), isStray));
+  if (left.size() == cloud.frames.size() || 2 * strays >= all) return;
+  std::erase_if(cloud.clouds, isStray);
+  for (IndexedCloud& one : cloud.clouds) one.frame = place[one.frame];
+  cloud.frames = std::move(left);
+  if (strays > 0)
+    warnings_.push_back({"scans.skipped", std::to_string(strays) + " of " + std::to_string(all) + " clouds of " +
+                                              wordForMessage(topic_) + " are skipped: they are in frame " + stray +
+                                              ", which nothing connects to frame " + frameText(usual) +
+                                              " of the others"});
 }
 
 void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options) {

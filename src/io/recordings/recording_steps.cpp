@@ -11,6 +11,7 @@
 #include "io/poses/levelling.h"
 #include "io/poses/pose_checks.h"
 #include "io/poses/pose_matching.h"
+#include "io/recordings/frame_names.h"
 #include "io/recordings/recording_topics.h"
 #include "io/recordings/stamp_words.h"
 #include "io/scans/deskew_choice.h"
@@ -21,23 +22,11 @@
 namespace accessvdb::io {
 namespace {
 
-/// Names that stand for none: the frame of poses that do not say whose they are, and the one that they are in.
-const std::string kSensorFrame = "\nsensor", kWorldFrame = "\nworld";
-
 std::string metresText(double value) {
   char text[64];
   std::snprintf(text, sizeof text, "%.1f m", value);
   return text;
 }
-std::string frameText(const std::string& name) {
-  return name.empty() || name.front() == '\n' ? "without a name" : wordForMessage(name);
-}
-
-std::string plainFrame(std::string name) {
-  if (!name.empty() && name.front() == '/') name.erase(0, 1);
-  return name;
-}
-
 std::string subjectOf(const std::vector<std::filesystem::path>& files) {
   return forMessage(files.size() == 1 ? files.front().native() : files.front().parent_path().native());
 }
@@ -113,7 +102,7 @@ void RecordingSteps::tellAboutClouds(const RecordingIndex& index, const IndexedT
                        " clouds have no time; the time of their recording is used");
 }
 
-void RecordingSteps::usePoseFile(const IndexedTopic& cloud, const ScanInputOptions& options) {
+void RecordingSteps::usePoseFile(IndexedTopic& cloud, const ScanInputOptions& options) {
   if (!options.pose_topic.empty())
     throw InvalidArgument("usage.pose_topic", "pose_topic", "and ScanInputOptions::poses exclude each other",
                           "Omit one of the two");
@@ -123,6 +112,7 @@ void RecordingSteps::usePoseFile(const IndexedTopic& cloud, const ScanInputOptio
                         "Use a pose file in TUM format, on the recording's clock");
   notices_.insert(notices_.end(), file_->notices.begin(), file_->notices.end());
   warnings_.insert(warnings_.end(), file_->warnings.begin(), file_->warnings.end());
+  leaveOutStrays(cloud, true);
   for (const std::string& frame : cloud.frames) uses_.push_back({.registered = !world_.empty() && frame == world_});
   const auto& poses = file_->poses;
   span_ = std::to_string(poses.size()) + " poses from " +
@@ -143,7 +133,7 @@ FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
       "Record /tf and /tf_static, choose another pose_topic or fixed_frame, or use ScanInputOptions::poses");
 }
 
-void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud, const ScanInputOptions& options) {
+void RecordingSteps::useOdometry(IndexedTopic& poses, IndexedTopic& cloud, const ScanInputOptions& options) {
   poses.requireReadable(subject_, warnings_);
   tellAboutOdometry(poses, options.sort_poses);
   const std::string parent = poses.frames.front().empty() ? kWorldFrame : poses.frames.front();
@@ -152,13 +142,13 @@ void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud,
   // Poses that do not say whose they are: the sensor's, which is the cloud's frame unless that does not move.
   std::string child = poses.child;
   if (child.empty()) {
-    const auto moving = std::find_if_not(cloud.frames.begin(), cloud.frames.end(), isRegistered);
-    child = moving == cloud.frames.end() ? kSensorFrame : *moving;
+    child = mostUsedFrame(cloud, isRegistered).value_or(kSensorFrame);
   }
   child_ = child;
   const std::string whose = child == kSensorFrame ? "the sensor" : frameText(child);
   frames_.replace(parent, child, std::move(poses.poses));
   frames_.finish();
+  leaveOutStrays(cloud, T_B_S_.has_value());
   for (const std::string& frame : cloud.frames) {
     FrameUse use;
     use.registered = isRegistered(frame);
@@ -203,15 +193,17 @@ void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
                                             " at over 50 m/s: the map may be torn there"});
 }
 
-void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
+void RecordingSteps::useTransforms(IndexedTopic& cloud) {
   if (T_B_S_)
     throw InvalidArgument("usage.extrinsic", "T_B_S", "is for odometry and poses: transforms pose the sensor itself",
                           "Omit it, or choose odometry with pose_topic");
   frames_.finish();
   if (world_.empty()) {
-    const auto top = frames_.top(cloud.frames.front());
+    const auto usual = mostUsedFrame(cloud, [](const std::string&) { return false; });
+    const auto top = frames_.top(usual.value_or(cloud.frames.front()));
     if (top) world_ = *top;
   }
+  leaveOutStrays(cloud, false);
   for (const std::string& frame : cloud.frames) {
     if (frame == world_)
       throw UnusableInput("poses.none", subject_,

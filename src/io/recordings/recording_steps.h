@@ -47,9 +47,12 @@ class RecordingSteps {
     Eigen::Isometry3d T_W_sensor = Eigen::Isometry3d::Identity();
   };
 
-  void usePoseFile(const IndexedTopic& cloud, const ScanInputOptions& options);
-  void useOdometry(IndexedTopic& poses, const IndexedTopic& cloud, const ScanInputOptions& options);
-  void useTransforms(const IndexedTopic& cloud);
+  void usePoseFile(IndexedTopic& cloud, const ScanInputOptions& options);
+  void useOdometry(IndexedTopic& poses, IndexedTopic& cloud, const ScanInputOptions& options);
+  void useTransforms(IndexedTopic& cloud);
+  /// Clouds in frames that nothing connects to the world are left out, if they are the fewer.
+  /// @param usual_is_posed  by a file or an extrinsic, which is for the frame of most clouds
+  void leaveOutStrays(IndexedTopic& cloud, bool usual_is_posed);
   [[nodiscard]] FrameTree::Chain requireChain(const std::string& leaf) const;
   void tellAboutClouds(const RecordingIndex& index, const IndexedTopic& cloud);
   void tellAboutOdometry(const IndexedTopic& poses, bool sort);

@@ -8,6 +8,8 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "io/clouds/las_header.h"
+#include "io/clouds/pcd_header.h"
 #include "io/clouds/ply_header.h"
 #include "io/streams/byte_source.h"
 #include "io/streams/input_file.h"
@@ -20,11 +22,52 @@ constexpr std::uint64_t kLeastTwin_bytes = 1024;
 constexpr std::size_t kBlock = std::size_t{1} << 16;
 constexpr std::size_t kNamesShown = 3;
 
+/// What a file's header says of its data.
+struct Announced {
+  std::uint64_t points = 0, begin = 0;  ///< bytes of the file before the data
+  std::uint64_t record_bytes = 0;       ///< 0 for text
+};
+
+Announced announcedBy(const PcdHeader& header) {
+  constexpr std::uint64_t kCompressedSizes_bytes = 8;
+  return {header.points, header.data_offset,
+          header.data == PcdHeader::Data::Ascii    ? 0
+          : header.data == PcdHeader::Data::Binary ? header.record_bytes
+                                                   : kCompressedSizes_bytes + 1};
+}
+
+Announced announcedBy(const PlyHeader& header) {
+  const PlyElement& vertex = header.elements[header.vertex];
+  if (header.vertex != 0) return {};
+  const bool text = header.format == PlyHeader::Format::Ascii || vertex.hasLists();
+  return {vertex.count, header.data_offset, text ? 0 : vertex.recordBytes()};
+}
+
+/// A header without data is as little of a scan as an empty file. A cut within the data is not judged here: what is
+/// left of them may be used, if that is asked for.
+void requireData(const std::filesystem::path& path, std::uint64_t size, const Announced& announced) {
+  const std::uint64_t bytes = size - std::min(size, announced.begin);
+  constexpr std::uint64_t kLineEnds_bytes = 2;
+  const bool none = announced.record_bytes > 0 ? bytes < announced.record_bytes : bytes <= kLineEnds_bytes;
+  if (announced.points > 0 && none)
+    throw InputError("input.truncated", forMessage(path.native()),
+                     "has a header that announces " + std::to_string(announced.points) + " points, and no data",
+                     "Copy the file again");
+}
+
 /// Reads the header, where that is cheap: a decoder of LAZ is not started.
-void checkHeader(const std::filesystem::path& path, ScanKind kind) {
-  if (kind == ScanKind::Pcd) (void)readPcdViewpoint(path);
-  if (kind == ScanKind::Ply) (void)parsePlyHeader(*openFile(path), forMessage(path.native()));
-  if (kind == ScanKind::Las) (void)openLas(path, {.allow_truncated = true});
+void checkHeader(const std::filesystem::path& path, std::uint64_t size, ScanKind kind) {
+  const std::string subject = forMessage(path.native());
+  if (kind == ScanKind::Pcd)
+    requireData(path, size, announcedBy(parsePcdHeader(readInputFile(path, kMaxPcdHeaderBytes), subject)));
+  if (kind == ScanKind::Ply) requireData(path, size, announcedBy(parsePlyHeader(*openFile(path), subject)));
+  if (kind == ScanKind::Las) {
+    (void)openLas(path, {.allow_truncated = true});
+    const LasFileHeader header = parseLasHeader(readInputFile(path, kLasHeaderBytes14), size, subject);
+    requireData(path, size, {header.points, header.data_offset, header.record_bytes});
+  }
+  if (kind != ScanKind::Pcd && kind != ScanKind::Ply && kind != ScanKind::Las)
+    (void)readInputFile(path, kLfsPointer.size());
 }
 
 bool haveSameBytes(const std::filesystem::path& a, const std::filesystem::path& b, std::uint64_t size) {
@@ -96,10 +139,12 @@ std::vector<ScanCheck> checkScanFiles(const std::vector<std::filesystem::path>& 
     try {
       if (sizes[i] == 0)
         throw InputError("input.empty", forMessage(files[i].native()), "is empty (0 bytes)", "Copy the file again");
-      checkHeader(files[i], kind);
+      checkHeader(files[i], sizes[i], kind);
     } catch (const InputError& error) {
-      // Others say nothing of the content: a link to Git LFS, permissions.
-      if (error.id() != "input.empty" && error.id() != "input.malformed" && error.id() != "input.truncated") throw;
+      // Others say nothing of the content: permissions, an unknown version.
+      const bool of_content = error.id() == "input.empty" || error.id() == "input.malformed" ||
+                              error.id() == "input.truncated" || error.id() == "input.lfs_pointer";
+      if (!of_content) throw;
       checks[i].flaw = error.problem();
       if (flaws++ == 0) first = std::current_exception();
     }

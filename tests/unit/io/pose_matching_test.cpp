@@ -168,6 +168,24 @@ TEST(PoseMatching, TakesTheNamesOfThePoseFile) {
   EXPECT_EQ(placesOf(matchPoses({"000010", "000011", "000012"}, poses, {}, "")), (std::vector<double>{2, 1, 0}));
 }
 
+TEST(PoseMatching, NumbersFromAnotherBaseAreTakenInOrder) {
+  PoseFile poses = posesOf(PoseFormat::Hba, 3);
+  poses.numbered = true;
+  poses.numbers = {1, 2, 3};
+  for (PoseEntry& pose : poses.poses) pose.index = poses.numbers[pose.index];
+  const MatchResult match = matchPoses({"000000", "000001", "000002"}, poses, {}, "");
+  EXPECT_EQ(placesOf(match), (std::vector<double>{0, 1, 2}));
+  EXPECT_TRUE(anyContains(match.notices, "taken in order"));
+  EXPECT_EQ(placesOf(matchPoses({"000000", "000001", "000002"}, poses, {}, "", {.match = Match::Name})),
+            (std::vector<double>{0, 1}));
+  expectError(
+      [&] {
+        (void)matchPoses({"000002", "000003", "000004"}, poses, {}, "");
+      },
+      ErrorCode::Unusable, "poses.no_match", {"Match::Order"});
+  EXPECT_EQ(placesOf(matchPoses({"000002", "000003"}, poses, {}, "")), (std::vector<double>{1, 2})) << "fewer scans";
+}
+
 TEST(PoseMatching, NamesTheGapThatWouldDo) {
   PoseFile poses = posesOf(PoseFormat::Tum, 11, 1000.0, 0.1);
   poses.poses.erase(poses.poses.begin() + 3, poses.poses.begin() + 5);  // 0.3 s

@@ -81,7 +81,9 @@ std::optional<Eigen::Vector3d> upOnEarth(const Eigen::Vector3d& p_W) {
 /// Where z is not up, and nothing else is known to be wrong with the poses.
 std::optional<std::string> tiltWarning(const io::ScanSequence& scans, const io::AgreementMeter& meter,
                                        const io::ScanAgreement& agreement, bool levelled) {
-  if (agreement.cure) return std::nullopt;
+  const auto& known = scans.warnings();
+  const bool said = std::any_of(known.begin(), known.end(), [](const auto& one) { return one.id == "poses.up"; });
+  if (agreement.cure || said) return std::nullopt;
   const auto first = scans.size() > 0 && !levelled ? scans.givenPose(0) : std::nullopt;
   if (const auto up_W = first ? upOnEarth(first->translation()) : std::nullopt) {
     return "z is not up: the poses are as far from their origin as the surface of the Earth is from its middle "
