@@ -91,7 +91,7 @@ TEST_F(KilledRun, EndsWithTheSameFiles) {
   // The memory check's pass over the scans is short beside fusing them.
   const auto arguments = [&](const std::string& out, std::vector<std::string> more) {
     more.insert(more.end(), {"--voxel", "0.02", "--device", "cpu", "--threads", "1", "--width", "160", "--height",
-                             "120", "--out", path(out)});
+                             "120", "--allow-disagreement", "--out", path(out)});
     return mapArguments(more);
   };
   const Clock::time_point start = Clock::now();
