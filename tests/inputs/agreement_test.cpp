@@ -99,10 +99,10 @@ TEST_F(Agreement, ASensorThatIsTurned) {
   expectDisagree(mapped(), "turned by -90 degrees about its z axis: --extrinsic 0,0,0,0,0,-90");
   writePosesAs(turned(180, 0));
   expectDisagree(mapped(), "turned by 180 degrees about its x axis: --extrinsic 0,0,0,180,0,0");
-  writePosesAs(turned(30, 1));
-  expectDisagree(mapped(), "turned by -30 degrees about its y axis: --extrinsic 0,0,0,0,-30,0");
+  writePosesAs(turned(60, 1));
+  expectDisagree(mapped(), "turned by -60 degrees about its y axis: --extrinsic 0,0,0,0,-60,0");
   // The cure that is named is one.
-  const MapOutcome cured = mapped({"--extrinsic=0,0,0,0,-30,0"});
+  const MapOutcome cured = mapped({"--extrinsic=0,0,0,0,-60,0"});
   expectRight(cured);
   EXPECT_FALSE(cured.warns("poses.disagree")) << cured.program.err;
 }

@@ -41,9 +41,13 @@ constexpr double kOutlierShare = 0.85, kOthersShare = 0.95, kOutlierGap = 0.1;
 constexpr double kUncontradicted = 0.95, kExplainsAll = 0.9;  ///< share of the poses, score of the change
 constexpr double kSureShare = 0.75, kSureScore = 0.9;         ///< to refuse: many contradict, or the cure explains all
 constexpr double kPosedShare = 0.75;                          ///< of the pairs, after a change
+/// Scans: a few that see an object from all around share little.
+constexpr std::size_t kLeastUncontradicted = 8, kManyScans = 12;
+constexpr double kLeastGainOfFew = 0.2, kLeastGainOfMany = 0.08, kSureGain = 0.2;
 constexpr std::size_t kLeastForTimes = 6;  ///< scans: of two or three, another time only puts them into one place
 constexpr double kTimeShare = 0.02;        ///< by which a time offset has to raise the share
-constexpr double kCollapseGain = 0.3, kSpokenAgainst = 0.25, kNothingInCommon = 0.1;
+constexpr double kCollapseGain = 0.3, kSpokenAgainst = 0.25, kNothingInCommon = 0.1, kContradictedShare = 0.96,
+                 kHint = 0.1;
 
 /// Patches of a twentieth of the range have a few returns, and are small beside rooms and trees.
 constexpr double kPatchShare = 0.05;
@@ -336,17 +340,25 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
         return;
       // Scans that see different things agree with nothing, and few of them do so by rights. A change that is to speak
       // against poses that nothing contradicts has to explain nearly all.
-      const bool uncontradicted = now.share() >= kUncontradicted;
-      if (uncontradicted && (few || change.counts.score() < kExplainsAll)) return;
+      if (now.share() >= kUncontradicted) {
+        const double least_gain = scans.size() < kManyScans ? kLeastGainOfFew : kLeastGainOfMany;
+        if (scans.size() < kLeastUncontradicted || change.counts.score() < kExplainsAll || one->gain() < least_gain)
+          return;
+      }
       best = one;
     };
+    bool doubtful = false;
     const std::vector<PoseCure> changes = poseChanges();
     for (const PoseCure& change : changes) {
       if (change.fault == PoseFault::InverseExtrinsic && !extrinsic) continue;
-      if (!collapses(change)) offer(tried(change, pairs, before));
+      if (collapses(change)) continue;
+      const auto one = tried(change, pairs, before);
+      doubtful = doubtful || (one && change.fault != PoseFault::TimeOffset && one->gain() >= kHint);
+      offer(one);
     }
-    const bool doubtful = best && best->gain() >= kDoubtfulGain;
-    if (!doubtful && !nothing_in_common && against <= kSpokenAgainst * (agreeing + against)) return best;
+    if (!doubtful && !nothing_in_common && now.share() >= kContradictedShare &&
+        against <= kSpokenAgainst * (agreeing + against))
+      return best;
     for (const PoseCure& change : changes)
       if (collapses(change)) offer(tried(change, pairs, before));
     if (far_apart || !canBeInWorld()) return best;
@@ -447,7 +459,8 @@ ScanAgreement AgreementMeter::measure() const {
   const std::uint64_t answers = now.agreeing + now.contradicting;
   if (const auto best = impl_->bestChange(pairs, now, far_apart)) {
     if (best->gain() >= (collapses(best->change) ? kCollapseGain : kDoubtfulGain)) {
-      const bool sure = now.share() < kSureShare || best->change.counts.score() >= kSureScore;
+      const bool against = now.share() < kUncontradicted || best->gain() >= kSureGain;
+      const bool sure = against && (now.share() < kSureShare || best->change.counts.score() >= kSureScore);
       result.verdict = sure && best->gain() >= kDisagreeGain ? AgreementVerdict::Disagree : AgreementVerdict::Doubtful;
       result.cure = best->change;
     }

@@ -36,7 +36,7 @@ std::uint64_t checkVdbFile(const std::filesystem::path& path) {
 
 ChildLimits limitsForVdb(std::uint64_t file_bytes) {
   constexpr std::uint64_t kSlowestBytesPerSecond = 10'000'000;
-  constexpr std::chrono::seconds kLeastTime{10};  // damage can make OpenVDB loop for hours
+  constexpr std::chrono::seconds kLeastTime{10};    // damage can make OpenVDB loop for hours
   constexpr std::uint64_t kMemoryPerFileByte = 64;  // our sparse float grids: 10 to 30
   ChildLimits limits;
   limits.time = kLeastTime + std::chrono::seconds(file_bytes / kSlowestBytesPerSecond);
