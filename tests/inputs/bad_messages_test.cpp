@@ -188,9 +188,10 @@ TEST_F(BadMessages, OfPosesCostTheirPose) {
 
 TEST_F(BadMessages, AWorldThatIsTiltedIsNamedOnce) {
   static constexpr double kTilt_rad = 0.4;
-  const auto warnings = [this](bool with_imu) {
+  const std::vector<WorldScan> scans = worldScans(12000);  // dense enough for patches of floor and wall
+  const auto warnings = [this, &scans](bool with_imu) {
     std::string messages = fixedTransform(0);
-    for (const WorldScan& scan : scans_) {
+    for (const WorldScan& scan : scans) {
       WorldScan tilted = scan;
       tilted.T_W_S = Eigen::AngleAxisd(kTilt_rad, Eigen::Vector3d::UnitX()) * scan.T_W_S;
       messages += odometry(tilted, scan.stamp_s) + whole(scan, 0);
