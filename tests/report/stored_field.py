@@ -40,7 +40,8 @@ def random_points(count, seed=1, size_m=4.0):
     points["yaw"] = yaw
     points["direction"][:, 0] = np.cos(np.radians(yaw))
     points["direction"][:, 1] = np.sin(np.radians(yaw))
-    points["score"] = random.integers(0, 50, count)
+    # As rows have them: what is accessible collides with fewer voxels than the limit, what the tool blocks with more.
+    points["score"] = np.where(points["label"] == 1, random.integers(0, 4, count), random.integers(4, 50, count))
     points["confidence"] = random.uniform(0, 1, count)
     points["stability"] = 1
     return points
