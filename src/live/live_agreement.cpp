@@ -5,20 +5,13 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr double kFurtherOn = 0.1;      ///< of the range: nearer scans see the same whatever their poses are
-constexpr double kTurnedOn_rad = 0.25;  ///< about 14 degrees
 /// Scans that are enough for an answer; then again with as many as the meter compares.
 constexpr std::size_t kFirstAnswer = 8;
 
 }  // namespace
 
 void LiveAgreement::add(const io::ScanRecord& scan, const Eigen::Isometry3d& T_W_B) {
-  if (kept_T_W_S_) {
-    const Eigen::Isometry3d moved = kept_T_W_S_->inverse() * scan.T_W_S;
-    if (moved.translation().norm() < kFurtherOn * meter_.medianRange_m() &&
-        Eigen::AngleAxisd(moved.linear()).angle() < kTurnedOn_rad)
-      return;
-  }
+  if (kept_T_W_S_ && !io::kALittleFurtherOn.holds(*kept_T_W_S_, scan.T_W_S, meter_.medianRange_m())) return;
   kept_T_W_S_ = scan.T_W_S;
   const std::size_t before = meter_.size();
   meter_.add(scan, [T_W_B](double shift_s) -> std::optional<Eigen::Isometry3d> {

@@ -38,6 +38,13 @@ struct AgreementCounts {
                ? (static_cast<double>(agreeing) - static_cast<double>(contradicting)) / static_cast<double>(asked())
                : 0;
   }
+  AgreementCounts& operator+=(const AgreementCounts& other) {
+    agreeing += other.agreeing;
+    contradicting += other.contradicting;
+    hidden += other.hidden;
+    beside += other.beside;
+    return *this;
+  }
   friend bool operator==(const AgreementCounts&, const AgreementCounts&) = default;
 };
 
@@ -86,6 +93,20 @@ struct ScanAgreement {
 
 /// The turn that makes a direction z.
 [[nodiscard]] ACCESSVDB_API Level levelFor(const Eigen::Vector3d& up_W);
+
+/// How much further on a scan is worth comparing with another: by a share of the range, or by a turn.
+struct FurtherOn {
+  double share, turn_rad;
+  /// @param range_m  that half of the returns of the first scan are within
+  [[nodiscard]] bool holds(const Eigen::Isometry3d& T_from, const Eigen::Isometry3d& T_to, double range_m) const {
+    return (T_to.translation() - T_from.translation()).norm() >= share * range_m ||
+           Eigen::AngleAxisd(T_from.linear().transpose() * T_to.linear()).angle() >= turn_rad;
+  }
+};
+/// Nearer scans see the same whatever their poses are.
+inline constexpr FurtherOn kALittleFurtherOn = {0.1, 0.25};
+/// Small errors show, and the view is still shared.
+inline constexpr FurtherOn kMuchFurtherOn = {0.4, 0.8};
 
 /// Collects a few scans and compares them. Same scans, same answer, on any number of threads.
 class ACCESSVDB_API AgreementMeter {

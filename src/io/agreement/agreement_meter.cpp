@@ -14,12 +14,13 @@
 #include "io/agreement/level_surfaces.h"
 #include "io/agreement/pose_changes.h"
 #include "io/agreement/scan_view.h"
+#include "io/median.h"
 #include "io/streams/input_file.h"
 
 namespace accessvdb::io {
 namespace {
 
-constexpr std::size_t kReturnsKept = 20'000;  ///< of a scan, for its range image
+constexpr std::size_t kReturnsKept = 20'000;  ///< of a scan, for its view
 constexpr std::size_t kReturnsAsked = 128;    ///< of a scan, in each other scan
 constexpr std::size_t kReturnsTried = 32;     ///< the same for each change of the poses
 constexpr std::size_t kLeastReturns = 20;     ///< a scan with fewer says nothing
@@ -28,26 +29,32 @@ constexpr double kNearShare = 0.75;
 /// With fewer answers, surface or free, chance decides.
 constexpr std::uint64_t kLeastAnswers = 100;
 
-// What was measured of right and wrong poses is in docs/evaluation.md, "Agreement of scans": where poses are right, no
-// change of them gains more than 0.02.
+// What was measured of right and wrong poses is in docs/evaluation.md, "Agreement of scans".
 constexpr double kDoubtfulGain = 0.03, kDisagreeGain = 0.12;  ///< of the score, by a change of the poses
 /// Without a change that helps. Things that move, leaves and thin bars contradict, too.
 constexpr double kDoubtfulShare = 0.7, kDisagreeShare = 0.5;
-/// Changes that put all sensors near each other make all scans of a long wall alike, so they have to do better, and
-/// something has to speak against the poses as they are: returns that contradict or are hidden, or scans that have
-/// nothing in common.
-constexpr std::size_t kLeastForOutliers = 4, kMostOutliers = 4;  ///< scans; one in so many
-constexpr double kOutlierShare = 0.85, kOthersShare = 0.95, kOutlierGap = 0.1;
-constexpr double kUncontradicted = 0.95, kExplainsAll = 0.9;  ///< share of the poses, score of the change
-constexpr double kSureShare = 0.75, kSureScore = 0.9;         ///< to refuse: many contradict, or the cure explains all
-constexpr double kPosedShare = 0.75;                          ///< of the pairs, after a change
-/// Scans: a few that see an object from all around share little.
+constexpr double kSureShare = 0.75, kSureScore = 0.9;  ///< to refuse: many contradict, or the change explains all
+constexpr double kSureGain = 0.2;                      ///< to refuse what is not contradicted
+
+/// From here on nothing contradicts the poses: a change has to explain nearly all, and gain more where there are few
+/// scans. A few that see an object from all around share little.
+constexpr double kUncontradicted = 0.95, kExplainsAll = 0.9;
 constexpr std::size_t kLeastUncontradicted = 8, kManyScans = 12;
-constexpr double kLeastGainOfFew = 0.2, kLeastGainOfMany = 0.08, kSureGain = 0.2;
+constexpr double kLeastGainOfFew = 0.2, kLeastGainOfMany = 0.08;
+
+/// Changes that put all sensors near each other make all scans of a long wall alike. They have to gain more, and are
+/// tried only where something speaks against the poses: returns that contradict or are hidden, scans that have nothing
+/// in common, or another change that gains.
+constexpr double kCollapseGain = 0.3, kSpokenAgainst = 0.25, kContradictedShare = 0.96, kNothingInCommon = 0.1,
+                 kHint = 0.1;
+
 constexpr std::size_t kLeastForTimes = 6;  ///< scans: of two or three, another time only puts them into one place
 constexpr double kTimeShare = 0.02;        ///< by which a time offset has to raise the share
-constexpr double kCollapseGain = 0.3, kSpokenAgainst = 0.25, kNothingInCommon = 0.1, kContradictedShare = 0.96,
-                 kHint = 0.1;
+constexpr double kPosedShare = 0.75;       ///< of the pairs, after a change
+
+/// Outliers are looked for among so many scans, and at most one in so many is one.
+constexpr std::size_t kLeastForOutliers = 4, kMostOutliers = 4;
+constexpr double kOutlierShare = 0.85, kOthersShare = 0.95, kOutlierGap = 0.1;
 
 /// Patches of a twentieth of the range have a few returns, and are small beside rooms and trees.
 constexpr double kPatchShare = 0.05;
@@ -61,11 +68,12 @@ struct Scan {
   AgreementMeter::PoseAt pose_at;
   double median_range_m = 0;
   std::string name;
-  std::unique_ptr<ScanView> image;
+  std::unique_ptr<ScanView> view;
 };
 
 struct Pair {
   std::size_t from, to;
+  AgreementCounts now = {};  ///< with the poses as they are
   [[nodiscard]] bool has(std::size_t scan) const { return from == scan || to == scan; }
 };
 
@@ -76,22 +84,41 @@ struct Tried {
   [[nodiscard]] double gain() const { return change.counts.score() - before.score(); }
 };
 
-std::vector<Pair> without(const std::vector<Pair>& pairs, std::size_t scan) {
-  std::vector<Pair> left;
-  std::copy_if(pairs.begin(), pairs.end(), std::back_inserter(left), [&](const Pair& pair) { return !pair.has(scan); });
-  return left;
+template <typename Keep>
+AgreementCounts sumOf(const std::vector<Pair>& pairs, const Keep& keep) {
+  AgreementCounts sum;
+  for (const Pair& pair : pairs)
+    if (keep(pair)) sum += pair.now;
+  return sum;
 }
-std::vector<Pair> withOnly(const std::vector<Pair>& pairs, std::size_t scan) {
-  std::vector<Pair> left;
-  std::copy_if(pairs.begin(), pairs.end(), std::back_inserter(left), [&](const Pair& pair) { return pair.has(scan); });
-  return left;
+AgreementCounts sumOf(const std::vector<Pair>& pairs) {
+  return sumOf(pairs, [](const Pair&) { return true; });
 }
 
-double medianOf(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+void note(ScanView::Answer answer, AgreementCounts& counts) {
+  switch (answer) {
+    case ScanView::Answer::Surface:
+      ++counts.agreeing;
+      break;
+    case ScanView::Answer::Free:
+      ++counts.contradicting;
+      break;
+    case ScanView::Answer::Hidden:
+      ++counts.hidden;
+      break;
+    case ScanView::Answer::Nothing:
+      ++counts.beside;
+      break;
+    case ScanView::Answer::Unknown:
+      break;
+  }
+}
+
+double medianRangeOf_m(const std::vector<Eigen::Vector3f>& points) {
+  std::vector<double> ranges_m;
+  ranges_m.reserve(points.size());
+  for (const Eigen::Vector3f& p : points) ranges_m.push_back(p.norm());
+  return ranges_m.empty() ? 0 : median(std::move(ranges_m));
 }
 
 /// Every n-th of them, so that at most `most` are left; spread over all.
@@ -99,15 +126,19 @@ std::size_t strideFor(std::size_t count, std::size_t most) {
   return std::max<std::size_t>(1, (count + most - 1) / most);
 }
 
-/// Relative to their rays' origins, so that their distances are ranges as those of scans are.
-std::vector<Eigen::Vector3f> pointsAround(const ScanRecord& record) {
-  std::vector<Eigen::Vector3f> points;
-  const std::size_t stride = strideFor(record.points_W.size(), kReturnsKept);
-  for (std::size_t i = 0; i < record.points_W.size(); i += stride) {
-    const Eigen::Vector3f p = (record.points_W[i] - record.origins_W[0]).cast<float>();
-    if (p.allFinite()) points.push_back(p);
+/// Up to kReturnsKept returns, relative to where they were seen from.
+/// @param T_W_S  of the scan, or of the first ray
+std::vector<Eigen::Vector3f> returnsOf(const ScanRecord& record, const Eigen::Isometry3d& T_W_S) {
+  const bool in_sensor = record.points_W.empty();
+  const std::size_t count = in_sensor ? record.points_S.size() : record.points_W.size();
+  const Eigen::Isometry3d T_S_W = T_W_S.inverse();
+  std::vector<Eigen::Vector3f> returns;
+  for (std::size_t i = 0, stride = strideFor(count, kReturnsKept); i < count; i += stride) {
+    if (record.deskewed && record.points_W[i] == record.origins_W[i]) continue;
+    const Eigen::Vector3f p_S = in_sensor ? record.points_S[i] : (T_S_W * record.points_W[i]).cast<float>().eval();
+    if (p_S.allFinite() && !p_S.isZero(0)) returns.push_back(p_S);
   }
-  return points;
+  return returns;
 }
 
 std::string nameOf(const ScanRecord& record) {
@@ -137,16 +168,14 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   std::vector<Eigen::Vector3f> normals_W;
 
   void addPatches(const std::vector<Eigen::Vector3f>& points, const Eigen::Matrix3f& R_W) {
-    std::vector<double> ranges_m;
-    for (const Eigen::Vector3f& p : points) ranges_m.push_back(p.norm());
     std::vector<Eigen::Vector3f> normals;
-    appendPatchNormals(points, static_cast<float>(kPatchShare * medianOf(std::move(ranges_m))), normals);
+    appendPatchNormals(points, static_cast<float>(kPatchShare * medianRangeOf_m(points)), normals);
     for (const Eigen::Vector3f& normal : normals) normals_W.push_back(R_W * normal);
   }
 
-  void makeImages() {
+  void makeViews() {
     tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
-      if (!scans[i].image) scans[i].image = std::make_unique<ScanView>(scans[i].returns_S);
+      if (!scans[i].view) scans[i].view = std::make_unique<ScanView>(scans[i].returns_S);
     });
   }
 
@@ -170,42 +199,34 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
     return pairs;
   }
 
-  /// Integer sums, so the order of the pairs does not matter.
-  [[nodiscard]] AgreementCounts count(const std::vector<Pair>& pairs, const std::vector<Eigen::Isometry3d>& T_W_S,
-                                      const std::vector<const ScanView*>& images, std::size_t asked) const {
+  /// What the returns of all pairs get for an answer. Integer sums, so the order of the pairs does not matter.
+  /// @param answers  of a pair: what a return of its first scan gets in its second
+  template <typename Answers>
+  [[nodiscard]] AgreementCounts count(const std::vector<Pair>& pairs, std::size_t asked, const Answers& answers) const {
     return tbb::parallel_reduce(
         tbb::blocked_range<std::size_t>(0, pairs.size(), 4), AgreementCounts{},
         [&](const tbb::blocked_range<std::size_t>& range, AgreementCounts counts) {
-          for (std::size_t n = range.begin(); n < range.end(); ++n) {
-            const Pair& pair = pairs[n];
-            const Eigen::Isometry3f T = (T_W_S[pair.to].inverse() * T_W_S[pair.from]).cast<float>();
-            const auto& returns_S = scans[pair.from].returns_S;
-            const std::size_t stride = strideFor(returns_S.size(), asked);
-            for (std::size_t k = 0; k < returns_S.size(); k += stride) {
-              switch (images[pair.to]->at(T * returns_S[k], three_sigma_m)) {
-                case ScanView::Answer::Surface:
-                  ++counts.agreeing;
-                  break;
-                case ScanView::Answer::Free:
-                  ++counts.contradicting;
-                  break;
-                case ScanView::Answer::Hidden:
-                  ++counts.hidden;
-                  break;
-                case ScanView::Answer::Nothing:
-                  ++counts.beside;
-                  break;
-                case ScanView::Answer::Unknown:
-                  break;
-              }
-            }
-          }
+          for (std::size_t n = range.begin(); n < range.end(); ++n) counts += countOf(pairs[n], asked, answers);
           return counts;
         },
-        [](AgreementCounts a, const AgreementCounts& b) {
-          a.agreeing += b.agreeing, a.contradicting += b.contradicting, a.hidden += b.hidden, a.beside += b.beside;
-          return a;
-        });
+        [](AgreementCounts a, const AgreementCounts& b) { return a += b; });
+  }
+  template <typename Answers>
+  [[nodiscard]] AgreementCounts countOf(const Pair& pair, std::size_t asked, const Answers& answers) const {
+    const auto answer = answers(pair);
+    const auto& returns_S = scans[pair.from].returns_S;
+    AgreementCounts counts;
+    for (std::size_t k = 0, stride = strideFor(returns_S.size(), asked); k < returns_S.size(); k += stride)
+      note(answer(returns_S[k]), counts);
+    return counts;
+  }
+
+  [[nodiscard]] auto answersWith(const std::vector<Eigen::Isometry3d>& T_W_S) const {
+    return [this, &T_W_S](const Pair& pair) {
+      return [this, &view = *scans[pair.to].view,
+              T = Eigen::Isometry3f((T_W_S[pair.to].inverse() * T_W_S[pair.from]).cast<float>())](
+                 const Eigen::Vector3f& p_S) { return view.at(T * p_S, three_sigma_m); };
+    };
   }
 
   [[nodiscard]] std::vector<Eigen::Isometry3d> posesAsTheyAre() const {
@@ -213,10 +234,11 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
     for (const Scan& scan : scans) poses.push_back(scan.T_W_S);
     return poses;
   }
-  [[nodiscard]] std::vector<const ScanView*> imagesAsTheyAre() const {
-    std::vector<const ScanView*> images;
-    for (const Scan& scan : scans) images.push_back(scan.image.get());
-    return images;
+
+  void compare(std::vector<Pair>& pairs) const {
+    const std::vector<Eigen::Isometry3d> poses = posesAsTheyAre();
+    tbb::parallel_for(std::size_t{0}, pairs.size(),
+                      [&](std::size_t n) { pairs[n].now = countOf(pairs[n], kReturnsAsked, answersWith(poses)); });
   }
 
   /// Nothing for a scan that has no pose then.
@@ -240,18 +262,15 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
     for (const Pair& pair : pairs)
       if (poses[pair.from] && poses[pair.to]) both.push_back(pair);
     if (static_cast<double>(both.size()) < kPosedShare * static_cast<double>(pairs.size())) return std::nullopt;
-    change.counts = count(both, known, imagesAsTheyAre(), kReturnsTried);
+    change.counts = count(both, kReturnsTried, answersWith(known));
     if (both.size() == pairs.size()) return Tried{change, before};
-    return Tried{change, count(both, posesAsTheyAre(), imagesAsTheyAre(), kReturnsTried)};
+    return Tried{change, count(both, kReturnsTried, answersWith(posesAsTheyAre()))};
   }
 
   /// Scans that do not agree with the others, where those do; their pairs are taken out.
   [[nodiscard]] std::vector<std::size_t> takeOutliers(std::vector<Pair>& pairs) const {
     std::vector<std::size_t> outliers;
     if (scans.size() < kLeastForOutliers) return outliers;
-    const auto countOf = [&](const std::vector<Pair>& some) {
-      return count(some, posesAsTheyAre(), imagesAsTheyAre(), kReturnsAsked);
-    };
     std::vector<std::size_t> alone;  // far from all others, which are near each other
     for (std::size_t i = 0; i < scans.size(); ++i)
       if (std::none_of(pairs.begin(), pairs.end(), [i](const Pair& pair) { return pair.has(i); })) alone.push_back(i);
@@ -260,19 +279,18 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
       std::optional<std::size_t> worst;
       double worst_share = kOutlierShare;
       for (std::size_t i = 0; i < scans.size(); ++i) {
-        const AgreementCounts of_scan = countOf(withOnly(pairs, i));
+        const AgreementCounts of_scan = sumOf(pairs, [i](const Pair& pair) { return pair.has(i); });
         if (of_scan.agreeing + of_scan.contradicting < kLeastAnswers || of_scan.share() >= worst_share) continue;
         worst_share = of_scan.share();
         worst = i;
       }
       if (!worst) break;
-      const std::vector<Pair> others = without(pairs, *worst);
-      const AgreementCounts left = countOf(others);
+      const AgreementCounts left = sumOf(pairs, [&](const Pair& pair) { return !pair.has(*worst); });
       if (left.agreeing + left.contradicting < kLeastAnswers ||
           left.share() < std::max(kOthersShare, worst_share + kOutlierGap))
         break;
       outliers.push_back(*worst);
-      pairs = others;
+      std::erase_if(pairs, [&](const Pair& pair) { return pair.has(*worst); });
     }
     return outliers;
   }
@@ -280,46 +298,33 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
   /// In the world frame, returns are not much farther from their sensors than from the origin. Seen from afar
   /// everything looks alike.
   [[nodiscard]] bool canBeInWorld() const {
-    return std::all_of(scans.begin(), scans.end(), [](const Scan& scan) {
-      const Eigen::Vector3f sensor = scan.T_W_S.translation().cast<float>();
-      std::vector<double> ranges_m;
-      for (const Eigen::Vector3f& p : scan.returns_S) ranges_m.push_back((p - sensor).norm());
-      return medianOf(std::move(ranges_m)) <= 3 * scan.median_range_m;
-    });
+    return std::all_of(scans.begin(), scans.end(),
+                       [](const Scan& scan) { return medianRangeOf_m(fromSensor(scan)) <= 3 * scan.median_range_m; });
   }
 
-  [[nodiscard]] AgreementCounts countInWorld(const std::vector<Pair>& pairs, std::size_t asked) const {
-    std::vector<std::unique_ptr<ScanView>> images(scans.size());
-    std::vector<const ScanView*> views;
-    std::vector<Eigen::Isometry3d> poses;
-    tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
-      std::vector<Eigen::Vector3f> from_sensor;
-      const Eigen::Vector3f sensor = scans[i].T_W_S.translation().cast<float>();
-      for (const Eigen::Vector3f& p : scans[i].returns_S)
-        if ((p - sensor).norm() > kNoReturn_m) from_sensor.push_back(p - sensor);
-      images[i] = std::make_unique<ScanView>(from_sensor);
-    });
-    for (std::size_t i = 0; i < scans.size(); ++i) views.push_back(images[i].get());
-    return countMoved(pairs, views, asked);
+  /// Returns in the world frame, relative to the sensor.
+  static std::vector<Eigen::Vector3f> fromSensor(const Scan& scan) {
+    const Eigen::Vector3f sensor_W = scan.T_W_S.translation().cast<float>();
+    std::vector<Eigen::Vector3f> returns;
+    for (const Eigen::Vector3f& p_W : scan.returns_S) returns.push_back(p_W - sensor_W);
+    return returns;
   }
-  /// Points in the world frame, in images around the sensors.
-  [[nodiscard]] AgreementCounts countMoved(const std::vector<Pair>& pairs, const std::vector<const ScanView*>& images,
-                                           std::size_t asked) const {
-    AgreementCounts counts;
-    for (const Pair& pair : pairs) {
-      const Eigen::Vector3f sensor = scans[pair.to].T_W_S.translation().cast<float>();
-      const auto& returns = scans[pair.from].returns_S;
-      const std::size_t stride = strideFor(returns.size(), asked);
-      for (std::size_t k = 0; k < returns.size(); k += stride) {
-        if ((returns[k] - scans[pair.from].T_W_S.translation().cast<float>()).norm() <= kNoReturn_m) continue;
-        const ScanView::Answer answer = images[pair.to]->at(returns[k] - sensor, three_sigma_m);
-        counts.agreeing += answer == ScanView::Answer::Surface ? 1 : 0;
-        counts.contradicting += answer == ScanView::Answer::Free ? 1 : 0;
-        counts.hidden += answer == ScanView::Answer::Hidden ? 1 : 0;
-        counts.beside += answer == ScanView::Answer::Nothing ? 1 : 0;
-      }
-    }
-    return counts;
+
+  /// As if the returns were in the world frame already, seen from the sensors.
+  [[nodiscard]] AgreementCounts countInWorld(const std::vector<Pair>& pairs) const {
+    std::vector<std::unique_ptr<ScanView>> views(scans.size());
+    tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
+      std::vector<Eigen::Vector3f> returns = fromSensor(scans[i]);
+      std::erase_if(returns, [](const Eigen::Vector3f& p) { return p.norm() <= kNoReturn_m; });
+      views[i] = std::make_unique<ScanView>(returns);
+    });
+    return count(pairs, kReturnsTried, [&](const Pair& pair) {
+      return [this, &view = *views[pair.to], from_W = scans[pair.from].T_W_S.translation().cast<float>().eval(),
+              to_W = scans[pair.to].T_W_S.translation().cast<float>().eval()](const Eigen::Vector3f& p_W) {
+        if ((p_W - from_W).norm() <= kNoReturn_m) return ScanView::Answer::Unknown;
+        return view.at(p_W - to_W, three_sigma_m);
+      };
+    });
   }
 
   /// The change with which the scans agree best.
@@ -330,7 +335,7 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
     const auto agreeing = static_cast<double>(now.agreeing);
     const bool nothing_in_common = agreeing < kNothingInCommon * static_cast<double>(now.asked());
     const bool few = scans.size() < kLeastForTimes;
-    const AgreementCounts before = count(pairs, posesAsTheyAre(), imagesAsTheyAre(), kReturnsTried);
+    const AgreementCounts before = count(pairs, kReturnsTried, answersWith(posesAsTheyAre()));
     std::optional<Tried> best;
     const auto offer = [&](const std::optional<Tried>& one) {
       if (!one || (best && one->gain() <= best->gain())) return;
@@ -363,7 +368,7 @@ struct ACCESSVDB_PRIVATE AgreementMeter::Impl {
       if (collapses(change)) offer(tried(change, pairs, before));
     if (far_apart || !canBeInWorld()) return best;
     Tried moved = {{PoseFault::InWorld}, before};
-    moved.change.counts = countInWorld(pairs, kReturnsTried);
+    moved.change.counts = countInWorld(pairs);
     offer(moved);
     return best;
   }
@@ -386,46 +391,26 @@ double AgreementMeter::medianRange_m() const { return impl_->scans.empty() ? 0 :
 std::optional<Eigen::Vector3d> AgreementMeter::upBesideZ_W() const { return upBesideZ(impl_->normals_W); }
 
 void AgreementMeter::add(const ScanRecord& record, const PoseAt& pose_at) {
+  const bool in_world = !record.points_W.empty() && !record.deskewed;
+  const bool many_places = in_world && record.origins_W.size() > 1;
   Scan scan;
-  scan.T_W_S = record.T_W_S;
-  bool fixed = false;
-  const auto keep = [&](const Eigen::Vector3f& p_S) {
-    if (p_S.allFinite() && !p_S.isZero(0)) scan.returns_S.push_back(p_S);
-  };
-  if (record.points_W.empty()) {
-    const std::size_t stride = strideFor(record.points_S.size(), kReturnsKept);
-    for (std::size_t i = 0; i < record.points_S.size(); i += stride) keep(record.points_S[i]);
-    scan.pose_at = pose_at;
-  } else if (record.deskewed) {
-    const Eigen::Isometry3d T_S_W = record.T_W_S.inverse();
-    const std::size_t stride = strideFor(record.points_W.size(), kReturnsKept);
-    for (std::size_t i = 0; i < record.points_W.size(); i += stride)
-      if (record.points_W[i] != record.origins_W[i]) keep((T_S_W * record.points_W[i]).cast<float>());
-    scan.pose_at = pose_at;
-  } else if (record.origins_W.size() == 1) {
-    scan.T_W_S = Eigen::Translation3d(record.origins_W[0]);
-    fixed = true;
-    const std::size_t stride = strideFor(record.points_W.size(), kReturnsKept);
-    for (std::size_t i = 0; i < record.points_W.size(); i += stride)
-      keep((record.points_W[i] - record.origins_W[0]).cast<float>());
-  }
-  if (record.origins_W.size() > 1 && !record.deskewed) {
-    impl_->addPatches(pointsAround(record), Eigen::Matrix3f::Identity());
-  } else {
-    impl_->addPatches(scan.returns_S, scan.T_W_S.linear().cast<float>());
+  scan.T_W_S = in_world ? Eigen::Isometry3d(Eigen::Translation3d(record.origins_W[0])) : record.T_W_S;
+  scan.returns_S = returnsOf(record, scan.T_W_S);
+  impl_->addPatches(scan.returns_S, scan.T_W_S.linear().cast<float>());
+  if (many_places) {
+    ++impl_->in_world;
+    return;
   }
   // The parts of one scanner's cloud are one scan.
   for (Scan& known : impl_->scans) {
-    if (!fixed || known.pose_at || known.T_W_S.translation() != scan.T_W_S.translation()) continue;
+    if (!in_world || known.pose_at || known.T_W_S.translation() != scan.T_W_S.translation()) continue;
     known.returns_S.insert(known.returns_S.end(), scan.returns_S.begin(), scan.returns_S.end());
     return;
   }
-  if (record.origins_W.size() > 1 && !record.deskewed) ++impl_->in_world;
   if (scan.returns_S.size() < kLeastReturns || !scan.T_W_S.matrix().allFinite()) return;
+  if (!in_world) scan.pose_at = pose_at;
   scan.name = nameOf(record);
-  std::vector<double> ranges_m;
-  for (const Eigen::Vector3f& p_S : scan.returns_S) ranges_m.push_back(p_S.norm());
-  scan.median_range_m = medianOf(std::move(ranges_m));
+  scan.median_range_m = medianRangeOf_m(scan.returns_S);
   impl_->scans.push_back(std::move(scan));
 }
 
@@ -438,22 +423,20 @@ ScanAgreement AgreementMeter::measure() const {
                                            : "the scans have too few returns";
     return result;
   }
-  impl_->makeImages();
+  impl_->makeViews();
   std::vector<Pair> pairs = impl_->nearPairs();
   const bool far_apart = pairs.size() < result.scans;
   if (far_apart) pairs = impl_->followingPairs();
+  impl_->compare(pairs);
   result.pairs = pairs.size();
-  const auto as_they_are = [&] {
-    return impl_->count(pairs, impl_->posesAsTheyAre(), impl_->imagesAsTheyAre(), kReturnsAsked);
-  };
-  result.counts = as_they_are();
+  result.counts = sumOf(pairs);
   result.verdict = AgreementVerdict::Usual;
   AgreementCounts now = result.counts;
   if (!far_apart) {
     for (const std::size_t scan : impl_->takeOutliers(pairs)) result.outliers.push_back(impl_->scans[scan].name);
     if (!result.outliers.empty()) {
       result.verdict = AgreementVerdict::Doubtful;
-      now = as_they_are();  // the others
+      now = sumOf(pairs);  // of the others
     }
   }
   const std::uint64_t answers = now.agreeing + now.contradicting;

@@ -11,9 +11,15 @@ namespace {
 
 struct Unit {
   double seconds;
-  const char* name;
+  const char *name, *words;
 };
-constexpr Unit kUnits[] = {{1, "s"}, {1e-3, "ms"}, {1e-6, "us"}, {1e-9, "ns"}};
+constexpr Unit kUnits[] = {
+    {1, "s", "seconds"}, {1e-3, "ms", "milliseconds"}, {1e-6, "us", "microseconds"}, {1e-9, "ns", "nanoseconds"}};
+
+/// @param seconds  of one of them
+const Unit& unitOfSeconds(double seconds) {
+  return *std::find_if(std::begin(kUnits), std::end(kUnits), [&](const Unit& one) { return one.seconds == seconds; });
+}
 
 /// Each unit covers three digits, so there is one for each span.
 std::optional<double> unitOf(double longest) {
@@ -32,9 +38,7 @@ bool fits(const TimeSpan& scan, const TimeScale& scale) {
 }  // namespace
 
 std::string TimeScale::inWords() const {
-  const Unit* const unit =
-      std::find_if(std::begin(kUnits), std::end(kUnits), [this](const Unit& one) { return one.seconds == unit_s; });
-  return std::string(unit->name) + (absolute ? ", absolute" : " since the scan's stamp");
+  return std::string(timeUnitName(unit_s)) + (absolute ? ", absolute" : " since the scan's stamp");
 }
 
 std::optional<TimeScale> timeScaleOf(std::span<const TimeSpan> scans) {
@@ -65,9 +69,8 @@ double unitOfDate_s(double time) {
   return time * 1e-9 >= kFirstAdjusted_s ? 1e-9 : 1;
 }
 
-std::string inWords(double unit_s) {
-  return unit_s == 1e-9 ? "nanoseconds" : unit_s == 1e-6 ? "microseconds" : unit_s == 1e-3 ? "milliseconds" : "seconds";
-}
+const char* timeUnitName(double unit_s) { return unitOfSeconds(unit_s).name; }
+std::string inWords(double unit_s) { return unitOfSeconds(unit_s).words; }
 
 OffsetRange offsetRange(std::span<const TimeSpan> scans, const TimeScale& scale) {
   OffsetRange range;

@@ -61,6 +61,8 @@ template <typename Point>
 /// The unit of a time that is a date, by its size: 1.7e18 is in nanoseconds, 1.7e15 in microseconds, 1.7e12 in
 /// milliseconds, since 1970 or since 1980. All else, such as seconds of a week, is in seconds.
 [[nodiscard]] double unitOfDate_s(double time);
+/// "ns"
+[[nodiscard]] const char* timeUnitName(double unit_s);
 /// "nanoseconds"
 [[nodiscard]] std::string inWords(double unit_s);
 

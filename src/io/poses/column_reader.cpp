@@ -6,6 +6,8 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "io/clouds/point_times.h"
+#include "io/median.h"
 #include "io/streams/input_file.h"
 
 namespace accessvdb::io {
@@ -238,11 +240,6 @@ double timeUnit_s(const std::vector<double>& times, const std::optional<double>&
   if (finite.empty()) return said_s.value_or(1);
   for (std::size_t i = 1; i < finite.size(); ++i)
     if (finite[i] != finite[i - 1]) steps.push_back(std::abs(finite[i] - finite[i - 1]));
-  const auto median = [](std::vector<double> values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
-  };
   const double size = std::abs(median(finite)), step = steps.empty() ? 0 : median(steps);
   constexpr double kUnits[] = {1e-3, 1e-6, 1e-9};
   constexpr double kYear1999_s = 9.2e8, kYear2128_s = 5e9, kMostSeconds = 1e11, kLongestStep_s = 2;
@@ -264,10 +261,6 @@ double timeUnit_s(const std::vector<double>& times, const std::optional<double>&
                      std::string("names its times as ") + timeUnitName(*said_s) + ", but they look like seconds",
                      "Correct the unit in the line of names");
   return *said_s;
-}
-
-const char* timeUnitName(double unit_s) {
-  return unit_s == 1 ? "s" : unit_s == 1e-3 ? "ms" : unit_s == 1e-6 ? "us" : "ns";
 }
 
 }  // namespace accessvdb::io

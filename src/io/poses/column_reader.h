@@ -64,7 +64,5 @@ class ColumnReader {
 /// @throws InputError "input.malformed" where what is said cannot be
 [[nodiscard]] double timeUnit_s(const std::vector<double>& times, const std::optional<double>& said_s,
                                 const std::string& subject);
-/// "ns"
-[[nodiscard]] const char* timeUnitName(double unit_s);
 
 }  // namespace accessvdb::io

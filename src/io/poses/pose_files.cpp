@@ -7,6 +7,7 @@
 #include <set>
 
 #include "accessvdb/error.h"
+#include "io/clouds/point_times.h"
 #include "io/poses/column_reader.h"
 #include "io/poses/pose_rows.h"
 #include "io/streams/input_file.h"

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "io/clouds/point_times.h"
 #include "io/poses/column_reader.h"
 #include "io/poses/pose_matching.h"
 #include "io/streams/byte_source.h"

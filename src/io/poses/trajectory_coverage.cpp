@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 #include "io/poses/trajectory_coverage.h"
+#include "io/median.h"
 
 #include <algorithm>
 #include <array>
@@ -43,12 +44,6 @@ std::string metresText(double value) {
   char text[32];
   std::snprintf(text, sizeof(text), value < 1000 ? "%.1f m" : "%.0f m", value);
   return text;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 struct ClockDifference {

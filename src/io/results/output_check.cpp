@@ -14,6 +14,7 @@
 #include <set>
 
 #include "accessvdb/error.h"
+#include "accessvdb/scan_io.h"
 #include "io/streams/input_file.h"
 #include "io/streams/sha256.h"
 
@@ -58,14 +59,7 @@ class HashInTasks {
  private:
   void hashWhole() {
     try {
-      const InputDescriptor input(file_);
-      std::vector<char> block(kHashBlockBytes);
-      internal::Sha256 sha256;
-      std::uint64_t done = 0;
-      for (std::size_t got = 0; (got = input.readAt(done, block.data(), block.size())) > 0; done += got) {
-        sha256.update(block.data(), got);
-      }
-      whole_ = internal::hexOf(sha256.digest());
+      whole_ = sha256OfFile(file_);
     } catch (const std::exception&) {
       failed_ = true;
     }

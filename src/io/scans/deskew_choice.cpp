@@ -7,6 +7,7 @@
 #include <cstdio>
 
 #include "accessvdb/error.h"
+#include "io/median.h"
 #include "io/streams/input_file.h"
 
 namespace accessvdb::io {
@@ -28,11 +29,6 @@ OffsetRange usualTimes(const std::vector<TimeSpan>& samples, const TimeScale& sc
     last_s.push_back(range.last_s);
     length_s.push_back(range.last_s - range.first_s);
   }
-  const auto median = [](std::vector<double>& values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
-  };
   constexpr double kLeastSlack_s = 0.2;
   const double slack_s = std::max(3 * median(length_s), kLeastSlack_s);
   return {std::max(median(first_s) - slack_s, -kLongestScan_s), std::min(median(last_s) + slack_s, kLongestScan_s)};

@@ -15,21 +15,15 @@ namespace {
 
 /// Places along the way, each with the scans that see it from a little further on.
 constexpr std::size_t kPlaces = io::AgreementMeter::kMostScans / 3;
-constexpr double kFurtherOn[] = {0.1,
-                                 0.4};  ///< of the range, from the place: small errors show, and the view is shared
-constexpr double kTurnedOn_rad[] = {0.25, 0.8};
-
 std::string percent(double share) { return numberText(std::floor(1000 * share) / 10) + " %"; }
 
-/// The first step after `from`, and before `end`, that is so far from it, or turned so much; else the last one.
-std::size_t stepFurtherOn(const io::ScanSequence& scans, std::size_t from, std::size_t end, double far_m,
-                          double turn_rad) {
+/// The first step after `from`, and before `end`, that is so much further on; else the last one.
+std::size_t stepFurtherOn(const io::ScanSequence& scans, std::size_t from, std::size_t end,
+                          const io::FurtherOn& further_on, double range_m) {
   const auto begin = scans.givenPose(from);
   for (std::size_t step = from + 1; begin && step < end; ++step) {
     const auto pose = scans.givenPose(step);
-    if (!pose) continue;
-    const double turned = Eigen::AngleAxisd(begin->linear().transpose() * pose->linear()).angle();
-    if ((pose->translation() - begin->translation()).norm() >= far_m || turned >= turn_rad) return step;
+    if (pose && further_on.holds(*begin, *pose, range_m)) return step;
   }
   return end - 1;
 }
@@ -37,6 +31,8 @@ std::size_t stepFurtherOn(const io::ScanSequence& scans, std::size_t from, std::
 struct Doubt {
   std::string problem, cure;
 };
+
+std::string inWords(const Doubt& doubt) { return doubt.problem + ". " + doubt.cure; }
 
 std::optional<Doubt> doubtOf(const io::ScanAgreement& agreement) {
   if (agreement.verdict != io::AgreementVerdict::Doubtful && agreement.verdict != io::AgreementVerdict::Disagree)
@@ -113,15 +109,12 @@ io::AgreementMeter measureAgreement(io::ScanSequence& scans, double range_noise_
     return meter;
   }
   for (std::size_t place = 0; place < kPlaces; ++place) {
-    std::size_t step = place * count / kPlaces;
-    const std::size_t end = (place + 1) * count / kPlaces;
-    add(step);
-    const std::size_t first = step;
-    for (std::size_t n = 0; n < 2; ++n) {
-      const std::size_t next =
-          std::max(step + 1, stepFurtherOn(scans, first, end, kFurtherOn[n] * meter.medianRange_m(), kTurnedOn_rad[n]));
-      if (next >= end) break;
-      step = next;
+    const std::size_t first = place * count / kPlaces, end = (place + 1) * count / kPlaces;
+    add(first);
+    std::size_t step = first;
+    for (const io::FurtherOn& further_on : {io::kALittleFurtherOn, io::kMuchFurtherOn}) {
+      step = std::max(step + 1, stepFurtherOn(scans, first, end, further_on, meter.medianRange_m()));
+      if (step >= end) break;
       add(step);
     }
   }
@@ -139,7 +132,6 @@ std::string agreementInWords(const io::ScanAgreement& agreement) {
 }
 
 std::string cureInWords(const io::PoseCure& cure) {
-  const std::string axis(1, "xyz"[cure.axis]);
   switch (cure.fault) {
     case io::PoseFault::QuaternionWFirst:
       return "the quaternions are w x y z: write them as x y z w, or name the columns in a header";
@@ -150,11 +142,10 @@ std::string cureInWords(const io::PoseCure& cure) {
     case io::PoseFault::InverseExtrinsic:
       return "--extrinsic is inverse, body to sensor: give the sensor's pose in the body";
     case io::PoseFault::Turned: {
-      std::string rpy = "0,0,0";
-      rpy[static_cast<std::size_t>(2 * cure.axis)] = 'A';
-      rpy.replace(rpy.find('A'), 1, numberText(cure.value));
-      return "the sensor is turned by " + numberText(cure.value) + " degrees about its " + axis +
-             " axis: --extrinsic 0,0,0," + rpy + " (after the one that is given)";
+      std::string rpy;
+      for (int axis = 0; axis < 3; ++axis) rpy += "," + (axis == cure.axis ? numberText(cure.value) : "0");
+      return "the sensor is turned by " + numberText(cure.value) + " degrees about its " + "xyz"[cure.axis] +
+             " axis: --extrinsic 0,0,0" + rpy + " (after the one that is given)";
     }
     case io::PoseFault::InWorld:
       return "the scans are in the world frame already: map them without --poses, with --trajectory, --stations or "
@@ -184,14 +175,13 @@ io::ScanAgreement checkAgreement(const MapOptions& options, double range_noise_m
   if (agreement.verdict == io::AgreementVerdict::Disagree && !options.allow_disagreement)
     throw UnusableInput("poses.disagree", options.poses.empty() ? options.scans : options.poses, doubt->problem,
                         doubt->cure + "; --allow-disagreement goes on");
-  messages.warning("poses.disagree", doubt->problem + ". " + doubt->cure);
+  messages.warning("poses.disagree", inWords(*doubt));
   return agreement;
 }
 
 std::optional<std::string> agreementWarning(const io::ScanAgreement& agreement) {
   const auto doubt = doubtOf(agreement);
-  if (!doubt) return std::nullopt;
-  return doubt->problem + ". " + doubt->cure;
+  return doubt ? std::optional(inWords(*doubt)) : std::nullopt;
 }
 
 }  // namespace accessvdb::tools
