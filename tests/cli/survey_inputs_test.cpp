@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "program_run.h"
+#include "support/bytes.h"
 
 namespace accessvdb::cli_test {
 namespace {
@@ -14,12 +15,7 @@ namespace {
 constexpr double kBegin_s = 1.25e9;
 constexpr int kSide = 60;
 
-template <typename T>
-void put(std::string& bytes, T value) {
-  char raw[sizeof(T)];
-  std::memcpy(raw, &value, sizeof(T));
-  bytes.append(raw, sizeof(T));
-}
+using test::put;
 
 /// A wall 1 m x 1 m, 2 m in front of a sensor that moves along y. Everything is a multiple of 2^-10, so that integers
 /// of LAS, decimal text and interpolation are exact.

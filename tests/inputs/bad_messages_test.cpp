@@ -5,14 +5,13 @@
 #include <functional>
 
 #include "inputs/field_world.h"
+#include "support/bytes.h"
 
 namespace accessvdb::inputs_test {
 namespace {
 
-template <typename Number>
-void put(std::string& bytes, Number value) {
-  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
-}
+using test::put;
+
 std::string counted(const std::string& text) {
   std::string bytes;
   put(bytes, static_cast<std::uint32_t>(text.size()));

@@ -10,15 +10,11 @@
 #include <vector>
 
 #include "inputs/field_world.h"
+#include "support/bytes.h"
 
 namespace accessvdb::inputs_test {
 
-template <typename T>
-void put(std::string& bytes, T value) {
-  char raw[sizeof(T)];
-  std::memcpy(raw, &value, sizeof(T));
-  bytes.append(raw, sizeof(T));
-}
+using test::put;
 
 /// A return with what LAS says about it.
 struct LasReturn {

@@ -7,9 +7,9 @@
 #include <sys/resource.h>
 
 #include <fstream>
-#include <random>
 #include <sstream>
 
+#include "campaign/mutator.h"
 #include "recordings/flight.h"
 
 namespace accessvdb::recordings_test {
@@ -21,47 +21,6 @@ std::string contentOf(const fs::path& path) {
   bytes << in.rdbuf();
   return bytes.str();
 }
-
-class Mutator {
- public:
-  explicit Mutator(unsigned seed) : random_(seed) {}
-
-  std::string operator()(std::string bytes) {
-    for (std::size_t times = 1 + below(4); times > 0; --times) {
-      const std::size_t at = below(bytes.size());
-      switch (below(6)) {
-        case 0:
-          bytes[at] = static_cast<char>(bytes[at] ^ (1 << below(8)));
-          break;
-        case 1:
-          bytes[at] = static_cast<char>(below(256));
-          break;
-        case 2: {  // a number, where one may be
-          constexpr std::uint64_t kNumbers[] = {
-              0, 1, 0x7fffffff, 0xffffffff, 0x40000000, 0x80000000, 65536, ~std::uint64_t{0}, std::uint64_t{1} << 62};
-          const std::uint64_t number = kNumbers[below(std::size(kNumbers))];
-          const std::size_t size = below(2) == 0 ? 4 : 8;
-          if (at + size <= bytes.size()) std::memcpy(bytes.data() + at, &number, size);
-          break;
-        }
-        case 3:
-          bytes.resize(at + 1);
-          break;
-        case 4:
-          bytes.insert(at, bytes.substr(below(bytes.size()), 1 + below(300)));
-          break;
-        default:
-          bytes.erase(at, 1 + below(40));
-          if (bytes.empty()) bytes = "x";
-      }
-    }
-    return bytes;
-  }
-
- private:
-  std::size_t below(std::size_t limit) { return std::uniform_int_distribution<std::size_t>(0, limit - 1)(random_); }
-  std::mt19937 random_;
-};
 
 int numberFrom(const char* variable, int usual) {
   const char* const text = std::getenv(variable);
@@ -100,8 +59,8 @@ class RecordingMutations : public FlightTest {
     const std::string whole = contentOf(recording);
     ASSERT_GT(whole.size(), 100U);
     const fs::path file = folder_.path() / ("mutated" + recording.extension().string());
-    Mutator mutator(static_cast<unsigned>(whole.size()) +
-                    1000003U * static_cast<unsigned>(numberFrom("ACCESSVDB_SEED", 0)));
+    campaign::Mutator mutator(static_cast<unsigned>(whole.size()) +
+                              1000003U * static_cast<unsigned>(numberFrom("ACCESSVDB_SEED", 0)));
     const long before = peakBytes();
     for (int i = 0; i < count; ++i) {
       const std::string bytes = mutator(whole);

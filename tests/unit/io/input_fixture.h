@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "support/bytes.h"
 #include "support/scratch_folder.h"
 
 namespace accessvdb::io::test {
@@ -30,13 +31,7 @@ class TempFolder : public accessvdb::test::ScratchFolder {
   }
 };
 
-/// Appends the bytes of a number as stored on this (little-endian) machine.
-template <typename T>
-void put(std::string& bytes, T value) {
-  char raw[sizeof(T)];
-  std::memcpy(raw, &value, sizeof(T));
-  bytes.append(raw, sizeof(T));
-}
+using ::accessvdb::test::put;
 
 /// Runs it and expects an Error with this code and id that contains these words.
 inline void expectError(const std::function<void()>& body, ErrorCode code, const std::string& id,
