@@ -11,6 +11,7 @@
 #include "io/clouds/las_header.h"
 #include "io/clouds/pcd_header.h"
 #include "io/clouds/ply_header.h"
+#include "io/scans/skipped_scans.h"
 #include "io/streams/byte_source.h"
 #include "io/streams/input_file.h"
 
@@ -20,7 +21,6 @@ namespace {
 /// Smaller files are headers: those of empty scans are all alike.
 constexpr std::uint64_t kLeastTwin_bytes = 1024;
 constexpr std::size_t kBlock = std::size_t{1} << 16;
-constexpr std::size_t kNamesShown = 3;
 
 /// What a file's header says of its data.
 struct Announced {
@@ -156,22 +156,18 @@ std::vector<ScanCheck> checkScanFiles(const std::vector<std::filesystem::path>& 
 
 void warnOfScanFiles(const std::vector<ScanCheck>& checks, const std::vector<std::filesystem::path>& files,
                      std::vector<ScanWarning>& warnings) {
-  std::size_t flaws = 0, twins = 0;
-  std::string flawed, repeated;
+  FirstFew flaws, twins;
   for (std::size_t i = 0; i < checks.size(); ++i) {
-    if (!checks[i].flaw.empty() && flaws++ < kNamesShown)
-      flawed += (flaws > 1 ? "; " : "") + shownName(files[i]) + " " + checks[i].flaw;
-    if (checks[i].twin && twins++ < kNamesShown)
-      repeated += (twins > 1 ? "; " : "") + shownName(files[i]) + " is " + shownName(files[*checks[i].twin]);
+    if (!checks[i].flaw.empty()) flaws.add(shownName(files[i]) + " " + checks[i].flaw);
+    if (checks[i].twin) twins.add(shownName(files[i]) + " is " + shownName(files[*checks[i].twin]));
   }
-  const auto more = [](std::size_t count) { return count > kNamesShown ? "; ..." : ""; };
   const std::string all = " of " + std::to_string(files.size()) + " scans ";
-  if (flaws > 0)
-    warnings.push_back({"scans.skipped", std::to_string(flaws) + all + "are skipped: " + flawed + more(flaws)});
-  if (twins > 0)
-    warnings.push_back({"scans.repeated", std::to_string(twins) + all +
-                                              "have the same bytes as another one, and count " + "once: " + repeated +
-                                              more(twins)});
+  if (flaws.count() > 0)
+    warnings.push_back({"scans.skipped", std::to_string(flaws.count()) + all + "are skipped: " + flaws.inWords()});
+  if (twins.count() > 0)
+    warnings.push_back(
+        {"scans.repeated", std::to_string(twins.count()) + all +
+                               "have the same bytes as another one, and count once: " + twins.inWords()});
 }
 
 }  // namespace accessvdb::io

@@ -13,6 +13,21 @@
 
 namespace accessvdb::io {
 
+/// The first three of a list in words, and how many there are.
+class FirstFew {
+ public:
+  void add(const std::string& text) {
+    if (count_++ < kShown) words_ += (words_.empty() ? "" : "; ") + text;
+  }
+  [[nodiscard]] std::size_t count() const { return count_; }
+  [[nodiscard]] std::string inWords() const { return words_ + (count_ > kShown ? "; ..." : ""); }
+
+ private:
+  static constexpr std::size_t kShown = 3;
+  std::size_t count_ = 0;
+  std::string words_;
+};
+
 class SkippedScans {
  public:
   /// A step may be read more than once. @throws UnusableInput "scans.skipped" where most of `steps` are skipped
@@ -24,14 +39,10 @@ class SkippedScans {
   }
   [[nodiscard]] std::vector<ScanWarning> warnings(std::size_t steps) const {
     if (reasons_.empty()) return {};
-    constexpr std::size_t kShown = 3;
-    std::string words;
-    std::size_t shown = 0;
-    for (const auto& [step, reason] : reasons_)
-      if (shown++ < kShown) words += (shown > 1 ? "; " : "") + reason;
-    return {ScanWarning{"scans.skipped", std::to_string(reasons_.size()) + " of " + std::to_string(steps) +
-                                             " scans are skipped: " + words +
-                                             (reasons_.size() > kShown ? "; ..." : "")}};
+    FirstFew few;
+    for (const auto& [step, reason] : reasons_) few.add(reason);
+    return {ScanWarning{"scans.skipped", std::to_string(few.count()) + " of " + std::to_string(steps) +
+                                             " scans are skipped: " + few.inWords()}};
   }
 
  private:
