@@ -7,13 +7,12 @@
 #include <Eigen/Core>
 #include <cstddef>
 
-#include "accessvdb/export.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb {
 
 /// A list of points at one moment, in the order of their ids. Reading is safe from several threads at once.
-class ACCESSVDB_API SurfacePoints {
+class SurfacePoints {
  public:
   SurfacePoints() = default;
   SurfacePoints(const SurfacePoints&) = delete;

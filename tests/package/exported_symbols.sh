@@ -31,7 +31,7 @@ if [[ -n $foreign ]]; then
   bad=1
 fi
 while read -r name; do
-  c++filt <<<"$symbols" | grep -E "\baccessvdb::((io|tiles)::)?$name\b" >/dev/null || { echo "public, but not exported: $name"; bad=1; }
+  c++filt <<<"$symbols" | grep -E "^((typeinfo|vtable) for )?accessvdb::((io|tiles)::)?$name\b" >/dev/null || { echo "public, but not exported: $name"; bad=1; }
 done < <(tr '|' '\n' <<<"$public")
 internal=$(c++filt <<<"$symbols" | grep -E '^accessvdb::[A-Za-z:]*::(Impl|~Impl)\b' || true)
 if [[ -n $internal ]]; then

@@ -30,6 +30,8 @@ judge() {
 judge good accepted "$good"
 judge missing_c refused 'namespace accessvdb { void write() {} }'
 judge missing_cpp refused 'extern "C" int accessvdb_one() { return 1; } namespace accessvdb { struct Field { Field(); }; Field::Field() {} }'
+judge named_in_another refused 'extern "C" int accessvdb_one() { return 1; } namespace accessvdb { namespace io { void write(int) {} struct Field { Field(); }; } }
+namespace accessvdb { struct Field; namespace io { void write(accessvdb::Field*) {} } }'
 judge extra_c refused "$good extern \"C\" int accessvdb_two() { return 2; }"
 judge internal refused "$good namespace accessvdb { namespace internal { void f() {} } }"
 judge unmarked_class refused "$good namespace accessvdb { struct Fielder { Fielder(); }; Fielder::Fielder() {} }"
