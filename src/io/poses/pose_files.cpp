@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/poses/column_reader.h"
 #include "io/poses/pose_rows.h"
 #include "io/streams/input_file.h"
@@ -273,8 +274,7 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
                             "Omit ScanInputOptions::calib or use pose_format kitti");
     applyCalibration(calib, file);
   } else if (file.format == PoseFormat::Kitti) {
-    std::error_code error;
-    const bool calib_near = std::filesystem::exists(path.parent_path() / "calib.txt", error);
+    const bool calib_near = isThere(path.parent_path() / "calib.txt");
     file.notices.push_back(
         std::string("poses: ") + (rows.front().values.size() == 12 ? "KITTI, 3x4 matrices" : "matrices") +
         ", taken as poses of the scanner itself, sensor to world" +
