@@ -29,6 +29,10 @@ class SqliteReader final : public Recording {
     for (const char* const journal : {"-wal", "-journal"}) {
       std::error_code error;
       const auto bytes = std::filesystem::file_size(open.path.string() + journal, error);
+      if (error && error != std::errc::no_such_file_or_directory)
+        throw InputError("input.unreadable", open.subject,
+                         std::string("its journal (") + journal + ") cannot be looked at: " + error.message(),
+                         "Check the file system");
       if (!error && bytes > 0)
         throw InputError("recording.journal", open.subject,
                          std::string("has messages in a journal (") + journal + ") that are not in the file yet",

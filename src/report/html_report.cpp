@@ -13,6 +13,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/output_check.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 #include "report/field_folder.h"
@@ -174,9 +175,8 @@ class Page {
   Json hashes() const {
     Json list = Json::array();
     const auto add = [&](const char* file) {
-      std::error_code status;
       const std::filesystem::path path = folder_.path / file;
-      if (std::filesystem::is_regular_file(path, status)) {
+      if (isFile(path)) {
         list.push_back({{"path", file}, {"sha256", sha256OfFile(path)}});
       }
     };
@@ -227,8 +227,7 @@ HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesys
     throw InvalidArgument("report.most_points", "most_points",
                           "must be at least " + std::to_string(HtmlReportOptions::kLeastPoints));
   }
-  std::error_code status;
-  if (!std::filesystem::is_directory(folder, status)) {
+  if (!isFolder(folder)) {
     throw InputError("input.no_field", folder.string(), "is not a folder", "Name the output folder of accessvdb map");
   }
   Page page(folder, options);

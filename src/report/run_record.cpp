@@ -3,9 +3,10 @@
 #include "report/run_record.h"
 
 #include <array>
-#include <fstream>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
+#include "io/streams/input_file.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -58,14 +59,12 @@ Json warningsOf(const Json& list) {
 RunRecord RunRecord::read(const std::filesystem::path& folder) {
   RunRecord record;
   const std::filesystem::path path = folder / "report.json";
-  std::error_code status;
-  if (!std::filesystem::is_regular_file(path, status)) return record;
+  if (!io::isFile(path)) return record;
   const auto fail = [&](const std::string& problem) {
     throw InputError("input.report", path.string(), problem, "Run accessvdb map again");
   };
-  if (std::filesystem::file_size(path, status) > kLargestReport || status) fail("is too large");
-  std::ifstream in(path, std::ios::binary);
-  const Json json = Json::parse(in, nullptr, false);
+  if (io::inputFileSize(path) > kLargestReport) fail("is too large");
+  const Json json = Json::parse(io::contentAt(path, kLargestReport), nullptr, false);
   if (json.is_discarded() || !json.is_object()) fail("is not valid JSON");
 
   const Json& counts = entry(json, "counts");

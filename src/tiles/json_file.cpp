@@ -2,11 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tiles/json_file.h"
 
-#include <fstream>
 #include <ostream>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/streams/sha256.h"
 
 namespace accessvdb::tiles {
@@ -33,14 +33,11 @@ void writeJson(const std::filesystem::path& path, Json json) {
 
 void readJson(const std::filesystem::path& path, const std::string& what,
               const std::function<void(const Json&)>& take) {
-  std::error_code error;
-  std::ifstream stream;
-  if (std::filesystem::is_regular_file(path, error)) stream.open(path, std::ios::binary);  // a pipe could block
-  if (!stream.is_open())
+  if (!io::isFile(path))
     throw InputError(what + ".missing", path.string(), "cannot be opened",
                      "Run the step before it first; they are plan, bin, run and merge");
   try {
-    Json json = Json::parse(stream);
+    Json json = Json::parse(io::contentAt(path, UINT64_MAX));
     const std::string digest = json.at(kDigest);
     json.erase(kDigest);
     if (digest == digestOf(json)) return take(json);

@@ -5,12 +5,12 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <fstream>
 #include <map>
 #include <set>
 #include <string_view>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "tiles/json_file.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
@@ -27,22 +27,14 @@ constexpr std::array kManifests = {"field.json", "rays.json", "plan.json"};
 constexpr std::size_t kTempDigits = 16;
 constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 30;
 
-bool isRegular(const fs::path& path) {
-  std::error_code error;
-  return fs::is_regular_file(fs::symlink_status(path, error));
-}
+bool isRegular(const fs::path& path) { return io::entryAt(path) == fs::file_type::regular; }
 
-bool isRealFolder(const fs::path& path) {
-  std::error_code error;
-  return fs::is_directory(fs::symlink_status(path, error));
-}
+bool isRealFolder(const fs::path& path) { return io::entryAt(path) == fs::file_type::directory; }
 
 /// No object if the file is none, or is not there.
 Json objectIn(const fs::path& file) {
-  std::error_code error;
-  if (!isRegular(file) || fs::file_size(file, error) > kMostManifestBytes || error) return {};
-  std::ifstream in(file, std::ios::binary);
-  Json json = Json::parse(in, nullptr, false);
+  if (!isRegular(file)) return {};
+  Json json = Json::parse(io::contentAt(file, kMostManifestBytes), nullptr, false);
   return json.is_object() ? json : Json();
 }
 
@@ -120,8 +112,7 @@ bool isTempOfMark(const std::string& name) {
 
 /// A manifest beside rays/ and tiles/ that is whole, or none.
 bool isOwnOrMissing(const fs::path& manifest) {
-  std::error_code error;
-  if (!fs::exists(fs::symlink_status(manifest, error))) return true;
+  if (!io::isTaken(manifest)) return true;
   if (!isRegular(manifest)) return false;
   try {
     readJson(manifest, "field", [](const Json&) {});
@@ -133,8 +124,7 @@ bool isOwnOrMissing(const fs::path& manifest) {
 
 /// @return whether there is a folder to look into; a link or a file in its place is foreign
 bool isThere(const fs::path& folder, OwnFiles& own) {
-  std::error_code error;
-  if (!fs::exists(fs::symlink_status(folder, error))) return false;
+  if (!io::isTaken(folder)) return false;
   if (!isRealFolder(folder)) own.foreign = folder;
   return !own.foreign;
 }
@@ -243,8 +233,7 @@ void removePlan(const fs::path& out) {
   // The plan last: while it is there, the rest is known to belong to it.
   std::vector<OwnFiles> all = {{}, ownTiles(out), ownRays(out), {}};
   for (const char* name : kManifests) {
-    std::error_code error;
-    if (fs::exists(out / name, error))
+    if (io::isThere(out / name, ErrorCode::Output))
       (name == kManifests.front() ? all.front() : all.back()).files.push_back(out / name);
   }
   for (const OwnFiles& own : all) {

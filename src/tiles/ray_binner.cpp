@@ -7,10 +7,12 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "field/scan_gate.h"
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
+#include "io/streams/input_file.h"
 #include "tiles/json_file.h"
 #include "tiles/own_files.h"
 #include "tiles/ray_files.h"
@@ -159,8 +161,8 @@ class Binner {
     if (!last_path_.empty()) noteRead(last_path_);
     last_path_ = path;
     const auto planned = planned_.find(fs::absolute(path).lexically_normal().string());
-    std::error_code error;
-    if (planned == planned_.end() || fs::file_size(path, error) != planned->second->bytes) refuseChanged(path);
+    if (planned == planned_.end() || !io::isFile(path) || io::inputFileSize(path) != planned->second->bytes)
+      refuseChanged(path);
   }
   [[noreturn]] static void refuseChanged(const std::string& path) {
     throw UnusableInput("plan.changed", path, "has changed since the plan was made",

@@ -6,6 +6,8 @@
 #include <map>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
+#include "io/streams/input_file.h"
 #include "tiles/json_file.h"
 #include "tiles/own_files.h"
 
@@ -37,8 +39,7 @@ void requireSteps(const ShardIndex& index, const ShardFile& expected, const fs::
 
 /// @return false if there is no manifest of this plan
 bool readManifest(const fs::path& out, const Plan& plan, const std::function<void(const Json&)>& take) {
-  std::error_code ignored;
-  if (!fs::exists(manifestFile(out), ignored)) return false;
+  if (!io::isThere(manifestFile(out))) return false;
   bool same = false;
   readJson(manifestFile(out), "rays", [&](const Json& json) {
     same = json.at("plan") == plan.id();
@@ -81,9 +82,9 @@ std::vector<ShardRange> missingShards(const fs::path& out, const Plan& plan) {
   std::vector<ShardRange> missing;
   readManifest(out, plan, [&](const Json& json) {
     for (const ShardFile& shard : shardsOf(json)) {
-      std::error_code error;
-      const std::uint64_t bytes = fs::file_size(raysFolder(out) / shardName(shard.first_step), error);
-      if (error || bytes != shard.bytes) missing.push_back({shard.first_step, shard.end_step});
+      const fs::path file = raysFolder(out) / shardName(shard.first_step);
+      if (!io::isFile(file) || io::inputFileSize(file) != shard.bytes)
+        missing.push_back({shard.first_step, shard.end_step});
     }
   });
   return missing;
@@ -111,7 +112,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
       tile.flights = static_cast<std::uint32_t>(plan.flightOf(step) + 1);
       result.returns_stored += segment.returns;
     }
-    const std::uint64_t bytes = fs::file_size(file);
+    const std::uint64_t bytes = io::inputFileSize(file);
     result.bytes += bytes;
     shards.push_back({{"first_step", index.first_step}, {"end_step", index.end_step}, {"bytes", bytes}});
     step = index.end_step;
@@ -144,9 +145,8 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
 
 std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIndex& tile) {
   std::vector<TileRays> rays;
-  std::error_code ignored;
   // The folder is deleted once all tiles are done; a tile may be deleted after that.
-  const bool found = fs::exists(raysFolder(out), ignored) && readManifest(out, plan, [&](const Json& json) {
+  const bool found = io::isThere(raysFolder(out)) && readManifest(out, plan, [&](const Json& json) {
                        for (const ShardFile& shard : shardsOf(json)) {
                          const fs::path file = raysFolder(out) / shardName(shard.first_step);
                          const ShardIndex index = readShardIndex(file, shardPlanId(plan, shard.first_step));

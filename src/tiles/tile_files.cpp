@@ -8,12 +8,12 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <fstream>
 #include <random>
 #include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "tiles/json_file.h"
 #include "tiles/own_files.h"
 
@@ -72,8 +72,7 @@ fs::path tileFolder(const fs::path& out, const TileId& id) { return tilesFolder(
 
 std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId& id, std::uint32_t flights) {
   const fs::path manifest = tileFolder(out, id) / kTileManifest;
-  std::error_code ignored;
-  if (!fs::exists(manifest, ignored)) return std::nullopt;
+  if (!io::isThere(manifest)) return std::nullopt;
   Tile tile;
   tile.id = id;
   bool same = false;
@@ -147,8 +146,7 @@ void removeTile(const fs::path& out, const TileId& id) {
 }
 
 bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {
-  std::error_code ignored;
-  if (!fs::exists(splitMark(out, id), ignored)) return false;
+  if (!io::isThere(splitMark(out, id))) return false;
   bool same = false;
   readJson(splitMark(out, id), "tile", [&](const Json& json) { same = isOf(plan, 1, json.at("plan")); });
   return same;
@@ -162,13 +160,11 @@ void markSplit(const fs::path& out, const Plan& plan, const TileId& id) {
 
 std::optional<Poison> readPoison(const fs::path& out, const TileId& id) {
   const fs::path mark = poisonMark(out, id);
-  std::error_code ignored;
-  if (!fs::exists(mark, ignored)) return std::nullopt;
+  if (!io::isThere(mark)) return std::nullopt;
   Poison poison;
   poison.id = id;
   try {  // without a hash: the driver is another program
-    std::ifstream stream(mark);
-    const Json json = Json::parse(stream);
+    const Json json = Json::parse(io::contentAt(mark));
     json.at("exit_code").get_to(poison.exit_code);
     json.at("reason").get_to(poison.reason);
   } catch (const Json::exception&) {
@@ -208,7 +204,7 @@ void AttemptFolder::putInPlace(const Plan& plan, std::uint32_t flights) {
   const fs::path target = tileFolder(out_, id_);
   std::error_code error;
   fs::rename(path_, target, error);
-  if (error && fs::exists(target)) {
+  if (error && io::isTaken(target, ErrorCode::Output)) {
     if (readTile(out_, plan, id_, flights)) return;
     // Left by an older plan, or from before the last flight. A rename takes it away at once, so nobody sees half of it.
     const OwnFiles before = ownFilesOfTile(target);

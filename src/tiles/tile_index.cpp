@@ -5,6 +5,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/output_check.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "tiles/json_file.h"
 #include "tiles/point_file.h"
@@ -67,10 +68,7 @@ void writeIndex(const fs::path& out, const Plan& plan, const Status& status) {
                              {"tiles", list}});
 }
 
-bool hasIndex(const fs::path& out) {
-  std::error_code ignored;
-  return fs::exists(indexFile(out), ignored);
-}
+bool hasIndex(const fs::path& out) { return io::isThere(indexFile(out)); }
 
 Index readIndex(const fs::path& out) {
   Index index;

@@ -8,6 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "field/scan_gate.h"
 #include "field/tools/window_margins.h"
@@ -144,10 +145,7 @@ void writePlan(const std::filesystem::path& out, const Plan& plan) {
   writeJson(planFile(out), json);
 }
 
-bool hasPlan(const std::filesystem::path& out) {
-  std::error_code ignored;
-  return std::filesystem::exists(planFile(out), ignored);
-}
+bool hasPlan(const std::filesystem::path& out) { return io::isThere(planFile(out), ErrorCode::Output); }
 
 Plan readPlan(const std::filesystem::path& out) {
   Plan plan;

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb VERB [options]: maps scans, and answers what of them a tool can reach.
 #include "accessvdb/error.h"
+#include "output/last_line.h"
 #include "verbs/verbs.h"
 
 namespace {
@@ -24,6 +25,7 @@ int runOrRefuseEvaluate(const Arguments& arguments, Messages& messages) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  endWithOneLine(argc, argv);
   const Program program = {
       "accessvdb",
       "which surfaces can this tool reach, from which direction, and if not, why not",
@@ -42,5 +44,5 @@ int main(int argc, char** argv) {
        {"evaluate", "", runOrRefuseEvaluate},
        {"bench", "", refuseBench}},
       "accessvdb map --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 --out out/"};
-  return runProgram(program, Arguments(argv + 1, argv + argc));
+  return runProgram(program, argc, argv);
 }

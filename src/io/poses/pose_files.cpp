@@ -7,6 +7,7 @@
 #include <set>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/clouds/point_times.h"
 #include "io/poses/column_reader.h"
 #include "io/poses/pose_rows.h"
@@ -296,8 +297,7 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
                             "Omit ScanInputOptions::calib or use pose_format kitti");
     applyCalibration(calib, file);
   } else if (file.format == PoseFormat::Kitti) {
-    std::error_code error;
-    const bool calib_near = std::filesystem::exists(path.parent_path() / "calib.txt", error);
+    const bool calib_near = isThere(path.parent_path() / "calib.txt");
     file.notices.push_back(
         std::string("poses: ") + (rows.front().values.size() == 12 ? "KITTI, 3x4 matrices" : "matrices") +
         ", taken as poses of the scanner itself, sensor to world" +

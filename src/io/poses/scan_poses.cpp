@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/poses/pose_checks.h"
 #include "io/streams/input_file.h"
 
@@ -18,9 +19,8 @@ namespace fs = std::filesystem;
 
 std::optional<fs::path> findTimes(const ScanFileList& scans, const fs::path& poses) {
   if (auto beside = besideScans(scans, "times.txt")) return beside;
-  std::error_code error;
   fs::path beside_poses = poses.parent_path() / "times.txt";
-  if (fs::is_regular_file(beside_poses, error)) return beside_poses;
+  if (isFile(beside_poses)) return beside_poses;
   return std::nullopt;
 }
 
@@ -106,10 +106,9 @@ ScanPoses fromViewpoints(const ScanFileList& scans, bool asked) {
 }  // namespace
 
 std::optional<fs::path> besideScans(const ScanFileList& scans, const std::string& name) {
-  std::error_code error;
   for (const fs::path& folder : {scans.folder, scans.folder / ".."}) {
     fs::path candidate = folder / name;
-    if (fs::is_regular_file(candidate, error)) return candidate.lexically_normal();
+    if (isFile(candidate)) return candidate.lexically_normal();
   }
   return std::nullopt;
 }

@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/poses/column_names.h"
 #include "io/streams/byte_source.h"
 #include "io/streams/input_file.h"
@@ -107,8 +108,7 @@ std::vector<StationLine> parseStations(const std::filesystem::path& path, const 
 }  // namespace
 
 StationList readStations(const std::filesystem::path& scans, const std::filesystem::path& stations) {
-  std::error_code error;
-  const bool whole_folder = std::filesystem::is_directory(scans, error);
+  const bool whole_folder = isFolder(scans);
   const std::string subject = forMessage(stations.native());
   StationList list;
   for (const StationLine& station : parseStations(stations, subject)) {

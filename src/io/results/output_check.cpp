@@ -7,13 +7,13 @@
 #include <algorithm>
 #include <atomic>
 #include <deque>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/scan_io.h"
 #include "io/streams/input_file.h"
 #include "io/streams/sha256.h"
@@ -110,13 +110,10 @@ struct OutputRecord {
   static OutputRecord read(const fs::path& folder) {
     OutputRecord record;
     record.why = "no report.json with hashes lies beside it";
-    std::error_code error;
     for (const char* name : {"report.json", "tile.json"}) {
       const fs::path file = folder / name;
-      if (!fs::is_regular_file(file, error)) continue;
-      std::ifstream in;
-      if (fs::file_size(file, error) <= kLargestRecord && !error) in.open(file, std::ios::binary);
-      const Json json = in.is_open() ? Json::parse(in, nullptr, false) : Json();
+      if (!isFile(file)) continue;
+      const Json json = Json::parse(contentAt(file, kLargestRecord), nullptr, false);
       if (json.is_discarded() || !json.is_object()) {
         record.why = std::string(name) + " beside it is damaged";
       } else if (record.take(name, json)) {
@@ -172,10 +169,7 @@ struct ACCESSVDB_PRIVATE OutputCheck::Impl {
   explicit Impl(bool allow) : allow_changed(allow) {}
 
   /// @return false if this file was begun before, or is none
-  bool isNew(const fs::path& file) {
-    std::error_code error;
-    return fs::is_regular_file(file, error) && known.insert(file.lexically_normal()).second;
-  }
+  bool isNew(const fs::path& file) { return isFile(file) && known.insert(file.lexically_normal()).second; }
 
   void add(const fs::path& file, const RecordedOutput& expected, const std::string& record, const std::string& advice) {
     Begun& one = begun.emplace_back();
@@ -183,8 +177,7 @@ struct ACCESSVDB_PRIVATE OutputCheck::Impl {
     one.record = record;
     one.advice = advice;
     one.expected = expected.hash;
-    std::error_code error;
-    const std::uintmax_t bytes = fs::file_size(file, error);
+    const std::uint64_t bytes = inputFileSize(file);
     if (!isHash(expected.hash)) {
       one.problem = "is not the file of this run, or " + record + " has changed: it holds no usable hash of it";
     } else if (expected.bytes && *expected.bytes != bytes) {

@@ -7,6 +7,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/output_check.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/results/surface_voxels.h"
 #include "io/results/vdb_reading.h"
 
@@ -117,13 +118,12 @@ StoredField StoredField::open(const std::filesystem::path& folder) {
 }
 
 StoredField StoredField::open(const std::filesystem::path& folder, OutputCheck& check) {
-  std::error_code error;
-  if (std::filesystem::is_regular_file(folder, error)) throwFileNotFolder(folder);
-  if (!std::filesystem::is_directory(folder, error)) {
+  if (isFile(folder)) throwFileNotFolder(folder);
+  if (!isFolder(folder)) {
     throw InputError("input.missing", folder.string(), "no such folder", kAdvice);
   }
   for (const char* name : {"field.vdb", "points.ply"}) {
-    if (!std::filesystem::exists(folder / name, error)) {
+    if (!isThere(folder / name)) {
       throw InputError("input.not_a_field", folder.string(), std::string("contains no ") + name, kAdvice);
     }
   }

@@ -11,18 +11,19 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/results/vdb_reading.h"
 #include "io/streams/guarded_child.h"
+#include "io/streams/input_file.h"
 #include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 
 std::uint64_t checkVdbFile(const std::filesystem::path& path) {
-  std::error_code error;
-  if (!std::filesystem::exists(path, error)) {
+  if (!io::isThere(path)) {
     throw InputError("input.missing", path.string(), "no such file", "Check the path");
   }
-  if (!std::filesystem::is_regular_file(path, error)) {
+  if (!io::isFile(path)) {
     throw InputError("input.not_a_file", path.string(), "is not a regular file", "Use a .vdb file");
   }
   std::ifstream stream(path, std::ios::binary);
@@ -31,7 +32,7 @@ std::uint64_t checkVdbFile(const std::filesystem::path& path) {
   if (!stream.read(reinterpret_cast<char*>(&magic), sizeof(magic)) || magic != openvdb::OPENVDB_MAGIC) {
     throw InputError("input.not_vdb", path.string(), "is not an OpenVDB file", "Use a .vdb file");
   }
-  return std::filesystem::file_size(path);
+  return io::inputFileSize(path);
 }
 
 ChildLimits limitsForVdb(std::uint64_t file_bytes) {

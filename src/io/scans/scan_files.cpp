@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "io/streams/input_file.h"
 
 namespace accessvdb::io {
@@ -94,10 +95,9 @@ std::optional<ScanFileList> scansIn(const fs::path& folder) {
 
 ScanFileList scansInSubfolder(const fs::path& folder) {
   std::vector<ScanFileList> found;
-  std::error_code error;
   const std::vector<fs::path> entries = entriesOf(folder);
   for (const fs::path& entry : entries) {
-    if (!fs::is_directory(entry, error)) continue;
+    if (!isFolder(entry)) continue;
     auto list = scansIn(entry);
     if (!list) continue;
     if (entry.filename() == "velodyne") found.clear();
@@ -147,8 +147,7 @@ bool naturalLess(std::string_view a, std::string_view b) {
 }
 
 ScanFileList listScans(const fs::path& path) {
-  std::error_code error;
-  if (fs::is_directory(path, error)) {
+  if (isFolder(path)) {
     auto list = scansIn(path);
     return list ? std::move(*list) : scansInSubfolder(path);
   }

@@ -12,13 +12,64 @@
 #include <limits>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 
 namespace accessvdb::io {
 namespace {
 
 constexpr std::size_t kReadStep = std::size_t{1} << 24;
 
+std::string adviceFor(int error) {
+  if (error == EMFILE || error == ENFILE) return "Raise the limit on open files (ulimit -n)";
+  return error == EACCES || error == EPERM ? "Check the permissions" : "Check the file system";
+}
+
+/// Whether the error says that there is nothing of this name.
+bool saysNothing(int error) {
+  return error == ENOENT || error == ENOTDIR || error == ENAMETOOLONG || error == ELOOP || error == EINVAL;
+}
+
+std::filesystem::file_type typeBy(int (*look)(const char*, struct stat*), const std::filesystem::path& path,
+                                  ErrorCode of) {
+  struct stat info {};
+  if (path.empty()) return std::filesystem::file_type::not_found;
+  if (look(path.c_str(), &info) == 0) {
+    if (S_ISREG(info.st_mode)) return std::filesystem::file_type::regular;
+    if (S_ISDIR(info.st_mode)) return std::filesystem::file_type::directory;
+    return S_ISLNK(info.st_mode) ? std::filesystem::file_type::symlink : std::filesystem::file_type::unknown;
+  }
+  const int error = errno;
+  if (saysNothing(error)) return std::filesystem::file_type::not_found;
+  const std::string problem = std::string("cannot be looked at: ") + std::strerror(error);
+  if (of == ErrorCode::Output)
+    throw OutputError("output.unreadable", forMessage(path.native()), problem, adviceFor(error));
+  throw InputError("input.unreadable", forMessage(path.native()), problem, adviceFor(error));
+}
+
 }  // namespace
+
+std::filesystem::file_type typeAt(const std::filesystem::path& path, ErrorCode of) { return typeBy(::stat, path, of); }
+std::filesystem::file_type entryAt(const std::filesystem::path& path, ErrorCode of) {
+  return typeBy(::lstat, path, of);
+}
+
+std::string beginningAt(const std::filesystem::path& path, std::uint64_t bytes) {
+  if (!isFile(path)) return {};
+  const InputDescriptor file(path);
+  std::string text(std::min(file.size(), bytes), '\0');
+  text.resize(file.readAt(0, text.data(), text.size()));
+  return text;
+}
+
+std::string contentAt(const std::filesystem::path& path, std::uint64_t max_bytes) {
+  if (!isFile(path)) return {};
+  const InputDescriptor file(path);
+  const std::uint64_t size = file.size();
+  if (size > max_bytes) return {};
+  std::string bytes(size, '\0');
+  if (file.readAt(0, bytes.data(), bytes.size()) != size) file.throwChanged();
+  return bytes;
+}
 
 InputDescriptor::InputDescriptor(const std::filesystem::path& path)
     // O_NONBLOCK: opening a pipe without a writer must not block forever.
@@ -28,7 +79,7 @@ InputDescriptor::InputDescriptor(const std::filesystem::path& path)
     const bool missing = error == ENOENT || error == ENOTDIR;
     throw InputError(missing ? "input.missing" : "input.unreadable", forMessage(path.native()),
                      std::string("cannot be opened: ") + std::strerror(error),
-                     missing ? "Check the path" : "Check the permissions");
+                     missing ? "Check the path" : adviceFor(error));
   }
 }
 

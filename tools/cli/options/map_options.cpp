@@ -14,6 +14,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/params_rows.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "options/region_options.h"
 #include "options/tools_given.h"
@@ -219,9 +220,8 @@ double wantedTile_m(const MapOptions& options) {
 std::optional<std::array<double, 3>> givenOrigin(const MapOptions& options) {
   if (options.origin.empty()) return std::nullopt;
   Eigen::Vector3d origin_W;
-  std::error_code ignored;
   const std::filesystem::path folder = options.origin;
-  if (!std::filesystem::is_directory(folder, ignored)) {
+  if (!io::isFolder(folder)) {
     origin_W = parseVector("--origin", options.origin);
   } else if (tiles::hasIndex(folder)) {
     const std::array<double, 3> indexed = tiles::readIndex(folder).origin_W;

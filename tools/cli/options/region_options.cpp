@@ -4,7 +4,6 @@
 
 #include <charconv>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <map>
 #include <sstream>
@@ -12,6 +11,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/program/segment_file.h"
 #include "options/options.h"
 
@@ -43,13 +43,8 @@ std::vector<std::uint32_t> idsIn(const std::string& text, const std::string& sub
 }
 
 Region pointsRegion(const std::string& text) {
-  std::error_code ignored;
-  if (!fs::is_regular_file(text, ignored)) return Region::points(idsIn(text, "", false));
-  std::ifstream in(text);
-  std::ostringstream content;
-  content << in.rdbuf();
-  if (!in) throw InputError("input.unreadable", text, "cannot be read", "Check the file");
-  return Region::points(idsIn(content.str(), text, true));
+  if (!io::isFile(text)) return Region::points(idsIn(text, "", false));
+  return Region::points(idsIn(io::contentAt(text), text, true));
 }
 
 Region meshRegion(const std::string& file) {

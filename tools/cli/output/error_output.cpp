@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdio>
+#include <filesystem>
+#include <ios>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <string_view>
@@ -12,6 +14,7 @@
 #include <utility>
 
 #include "output/json_text.h"
+#include "output/last_line.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -155,8 +158,20 @@ Failure describeFailure(const std::exception& error) {
             "Raise the limit on processes (ulimit -u, or that of the container), or end other programs"};
   }
   if (dynamic_cast<const std::bad_alloc*>(&error)) {
-    return {static_cast<int>(ErrorCode::Resource), "limit.allocation", "memory", "the machine has run out of memory",
-            "Use a larger --voxel, fewer scans (--every) or a machine with more memory"};
+    return {OutOfMemory::kExitCode, OutOfMemory::kId, OutOfMemory::kSubject, OutOfMemory::kProblem,
+            OutOfMemory::kAdvice};
+  }
+  // Of streams and of the file system: what can be foreseen is an Error that names the file.
+  if (dynamic_cast<const std::ios_base::failure*>(&error)) {
+    return {static_cast<int>(ErrorCode::Input), "input.unreadable", "",
+            std::string("a file cannot be read (") + error.what() + ")", "Check the disk"};
+  }
+  if (const auto* file = dynamic_cast<const std::filesystem::filesystem_error*>(&error)) {
+    if (file->code() == std::errc::too_many_files_open || file->code() == std::errc::too_many_files_open_in_system)
+      return {static_cast<int>(ErrorCode::Resource), "limit.open_files", file->path1().string(), error.what(),
+              "Raise the limit on open files (ulimit -n)"};
+    return {static_cast<int>(ErrorCode::Output), "output.refused", file->path1().string(), error.what(),
+            "Check the folder and the disk, then run again"};
   }
   return {static_cast<int>(ErrorCode::Internal), "internal.exception", "", error.what(),
           "This is a bug: please report it with this line and the command"};

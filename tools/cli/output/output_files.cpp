@@ -5,15 +5,16 @@
 #include <sys/stat.h>
 
 #include <algorithm>
-#include <fstream>
 #include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string_view>
 #include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/program/output_file.h"
+#include "accessvdb/program/path_facts.h"
 #include "options/tools_given.h"
 
 namespace accessvdb::tools {
@@ -21,11 +22,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Of a tool that names other files; larger ones are not read as one.
+constexpr std::uint64_t kMostMeshBytes = std::uint64_t{1} << 30;
+
 using FileId = std::pair<std::uint64_t, std::uint64_t>;  // device and inode
 
 std::optional<FileId> idOf(const fs::path& path) {
   struct stat info;
-  if (path.empty() || ::stat(path.c_str(), &info) != 0) return std::nullopt;
+  if (path.empty()) return std::nullopt;
+  while (::stat(path.c_str(), &info) != 0) {
+    if (!io::isThere(path)) return std::nullopt;
+  }
   return FileId{info.st_dev, info.st_ino};
 }
 
@@ -142,10 +149,7 @@ void requireNoInputsInTiles(const fs::path& out, const Paths& inputs) {
 
 /// The keys that a JSON file of each kind has at its top.
 bool isOwnJson(const fs::path& file) {
-  std::error_code error;
-  if (!fs::is_regular_file(file, error)) return false;
-  std::ifstream in(file, std::ios::binary);
-  const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);
+  const nlohmann::json json = nlohmann::json::parse(io::contentAt(file), nullptr, false);
   const std::vector<std::vector<const char*>> kinds = {
       {"schema", "version", "parameters", "inputs", "counts"},    // a run
       {"schema", "plan", "tile_voxels", "sha256"},                // the index of tiles
@@ -165,13 +169,10 @@ bool isOwnJson(const fs::path& file) {
 /// By what our writers put where: a file that only speaks of accessvdb is not ours.
 bool isOwn(const fs::path& output) {
   std::error_code error;
-  if (!fs::is_regular_file(output, error)) return false;
+  if (!io::isFile(output, ErrorCode::Output)) return false;
   const std::string kind = lowerCase(output.extension().string());
   if (kind == ".json") return isOwnJson(output);
-  std::ifstream in(output, std::ios::binary);
-  std::string text(std::size_t{1} << 16, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
+  const std::string text = io::beginningAt(output, std::uint64_t{1} << 16);
   const auto begins = [&text](std::string_view with, std::size_t at = 0) {
     return text.size() >= at + with.size() && std::string_view(text).substr(at, with.size()) == with;
   };
@@ -194,8 +195,7 @@ bool isOwn(const fs::path& output) {
 
 void requireOwn(const Paths& outputs) {
   for (const fs::path& output : outputs) {
-    std::error_code error;
-    if (!fs::exists(output, error) || io::isStream(output) || isOwn(output)) continue;
+    if (!io::isThere(output, ErrorCode::Output) || io::isStream(output) || isOwn(output)) continue;
     io::requireOutputFile(output);
     throw OutputError("output.foreign", output.string(), "would be overwritten, but accessvdb did not write it",
                       "Choose another output folder, or move this file away; nothing was changed");
@@ -215,7 +215,7 @@ Paths inFolder(const fs::path& folder, const std::vector<std::string>& names) {
 
 Paths filesOfMap(const fs::path& map) {
   std::error_code error;
-  if (!fs::is_directory(map, error)) return {map, map.parent_path() / "state.json"};
+  if (!io::isFolder(map)) return {map, map.parent_path() / "state.json"};
   Paths paths = inFolder(map, {"field.vdb", "field_points.vdb", "points.ply", "points.las", "report.json", "field.json",
                                "plan.json", "rays.json", "state.json"});
   for (const auto& entry : fs::directory_iterator(map, error)) {
@@ -230,10 +230,9 @@ Paths filesOfMap(const fs::path& map) {
 std::vector<std::string> filesNamedIn(const fs::path& mesh) {
   std::vector<std::string> names;
   const std::string kind = lowerCase(mesh.extension().string());
-  std::error_code error;
-  if ((kind != ".obj" && kind != ".gltf") || !fs::is_regular_file(mesh, error)) return names;
-  std::ifstream in(mesh, std::ios::binary);
+  if ((kind != ".obj" && kind != ".gltf") || !io::isFile(mesh)) return names;
   if (kind == ".obj") {
+    std::istringstream in(io::contentAt(mesh, kMostMeshBytes));
     for (std::string line; std::getline(in, line);) {
       if (!line.starts_with("mtllib ")) continue;
       while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
@@ -241,7 +240,7 @@ std::vector<std::string> filesNamedIn(const fs::path& mesh) {
     }
     return names;
   }
-  const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);
+  const nlohmann::json json = nlohmann::json::parse(io::contentAt(mesh, kMostMeshBytes), nullptr, false);
   for (const char* list : {"buffers", "images"}) {
     if (!json.is_object() || !json.contains(list) || !json[list].is_array()) continue;
     for (const auto& part : json[list]) {

@@ -3,12 +3,12 @@
 #include "output/output_record.h"
 
 #include <algorithm>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "accessvdb/field_io.h"
 #include "accessvdb/output_check.h"
+#include "accessvdb/program/path_facts.h"
 #include "output/json_text.h"
 #include "output/output_files.h"
 
@@ -24,8 +24,7 @@ constexpr const char *kReport = "report.json", *kOutputs = "outputs", *kPath = "
 /// The folder's report, if it is one of ours that has entries; else null.
 Json reportWithOutputs(const fs::path& folder) {
   if (!isOwn(folder / kReport)) return nullptr;
-  std::ifstream in(folder / kReport, std::ios::binary);
-  Json report = Json::parse(in, nullptr, false);
+  Json report = Json::parse(io::contentAt(folder / kReport), nullptr, false);
   if (!report.is_object() || !report.contains(kOutputs) || !report[kOutputs].is_array()) return nullptr;
   return report;
 }
@@ -35,16 +34,11 @@ std::string pathOf(const Json& entry) {
   return has ? entry[kPath].get<std::string>() : std::string();
 }
 
-bool isThere(const fs::path& file) {
-  std::error_code error;
-  return fs::is_regular_file(file, error);
-}
-
 }  // namespace
 
 void addOutputs(OutputEntries& outputs, const fs::path& folder, const std::vector<std::string>& names) {
   for (const std::string& name : names) {
-    if (isThere(folder / name))
+    if (io::isFile(folder / name))
       outputs.push_back({name, fs::file_size(folder / name), io::sha256OfBlocks(folder / name)});
   }
 }
@@ -60,7 +54,7 @@ OutputEntries withEarlier(OutputEntries outputs, const fs::path& folder) {
     if (name.empty() || hash == entry.end() || !hash->is_string() || bytes == entry.end()) continue;
     const bool again = std::any_of(outputs.begin(), outputs.begin() + static_cast<std::ptrdiff_t>(written),
                                    [&](const OutputEntry& output) { return output.name == name; });
-    if (again || !bytes->is_number_unsigned() || !isThere(folder / name)) continue;
+    if (again || !bytes->is_number_unsigned() || !io::isFile(folder / name)) continue;
     outputs.push_back({name, bytes->get<std::uint64_t>(), hash->get<std::string>()});
   }
   return outputs;
@@ -76,7 +70,7 @@ Json jsonOf(const OutputEntries& outputs) {
 
 void recordOutput(const fs::path& folder, const fs::path& file) {
   const std::string name = nameInFolder(folder, file);
-  if (name.empty() || !isThere(file)) return;
+  if (name.empty() || !io::isFile(file)) return;
   Json report = reportWithOutputs(folder);
   if (!report.is_object()) return;
   OutputEntries entries;

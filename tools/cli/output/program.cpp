@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <csignal>
 #include <cstring>
+#include <new>
 
 #include "accessvdb/config.h"
 #include "options/command_line.h"
+#include "output/last_line.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -66,15 +68,20 @@ int dispatch(const Program& program, const Arguments& arguments, Messages& messa
 
 }  // namespace
 
-int runProgram(const Program& program, const Arguments& arguments) {
+int runProgram(const Program& program, int argc, char** argv) {
   std::signal(SIGXFSZ, SIG_IGN);  // a file size limit must show up as a failed write, which is code 7
+  const Arguments arguments(argv + 1, argv + argc);
   Messages messages(wantedFormat(arguments), false);
   try {
     return dispatch(program, arguments, messages);
   } catch (const std::exception& error) {
-    const Failure failure = describeFailure(error);
-    messages.error(failure);
-    return failure.exit_code;
+    try {
+      const Failure failure = describeFailure(error);
+      messages.error(failure);
+      return failure.exit_code;
+    } catch (const std::bad_alloc&) {
+      endOutOfMemory();
+    }
   }
 }
 

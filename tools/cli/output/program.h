@@ -28,6 +28,6 @@ struct Program {
 };
 
 /// @return the exit code
-[[nodiscard]] int runProgram(const Program& program, const Arguments& arguments);
+[[nodiscard]] int runProgram(const Program& program, int argc, char** argv);
 
 }  // namespace accessvdb::tools

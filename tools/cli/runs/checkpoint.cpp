@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -16,6 +15,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/saved_state.h"
 #include "output/json_text.h"
 #include "output/progress.h"
@@ -82,17 +82,13 @@ std::vector<io::InputFile> filesFrom(const Json& list) {
 
 /// @return no object if that is not what the file holds, or there is none
 Json parsed(const fs::path& manifest) {
-  std::error_code status;
-  if (fs::file_size(manifest, status) > kMostManifestBytes || status) return {};
-  std::ifstream in(manifest);
-  return Json::parse(in, nullptr, false);
+  return Json::parse(io::contentAt(manifest, kMostManifestBytes), nullptr, false);
 }
 
 /// Also if it cannot be read. The first manifest only announces the first state, so that what is left of a run that is
 /// killed between the two is known to be ours.
 bool holdsCheckpoint(const fs::path& folder) {
-  std::error_code error;
-  if (!fs::exists(fs::symlink_status(folder / kManifest, error))) return false;
+  if (!io::isTaken(folder / kManifest)) return false;
   const Json json = parsed(folder / kManifest);
   return !json.is_object() || !json.contains("schema") || !json.contains("generation") || json["generation"] != 0;
 }
@@ -189,9 +185,8 @@ fs::path Checkpoints::state(std::uint64_t generation) const {
 
 /// Whether new checkpoints replace the one of --resume.
 bool Checkpoints::continuesInPlace() const {
-  std::error_code status;
   return options_.checkpoint.empty() ||
-         fs::weakly_canonical(options_.resume, status) == fs::weakly_canonical(options_.checkpoint, status);
+         fs::weakly_canonical(options_.resume) == fs::weakly_canonical(options_.checkpoint);
 }
 
 void Checkpoints::readManifest() {
@@ -328,11 +323,19 @@ void Checkpoints::sayHowToGoOn() const {
 
 void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& progress) {
   const std::uint64_t generation = freeAfter(generation_);
-  const auto writeManifest = [&](const Json& json) {
-    const std::string text = jsonText(json, 1);
-    io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
-  };
-  if (generation_ == 0) writeManifest({{"schema", kManifestSchema}, {"generation", 0}, {"next", generation}});
+  if (generation_ == 0)
+    writeManifest(jsonText(Json{{"schema", kManifestSchema}, {"generation", 0}, {"next", generation}}, 1));
+  try {
+    saveAs(generation, field, progress);
+  } catch (...) {
+    forgetUnlessNamed(generation);
+    throw;
+  }
+  if (generation_ > 0) removeState(generation_);
+  generation_ = generation;
+}
+
+void Checkpoints::saveAs(std::uint64_t generation, const AccessibilityField& field, const RunProgress& progress) const {
   field.saveState(state(generation));
   const Json json = {{"schema", kManifestSchema},
                      {"version", ACCESSVDB_VERSION},
@@ -351,23 +354,39 @@ void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& 
                      {"reading", reading()},
                      {"poses", jsonOf(progress.poses)},
                      {"scans", jsonOf(progress.scans)}};
-  writeManifest(json);
-  if (generation_ > 0) removeState(generation_);
-  generation_ = generation;
+  writeManifest(jsonText(json, 1));
+}
+
+void Checkpoints::writeManifest(const std::string& text) const {
+  io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
+}
+
+/// After a failure: the manifest may be in place without being known to be on the disk, and then it names this state.
+/// Otherwise no later run would find or delete it.
+void Checkpoints::forgetUnlessNamed(std::uint64_t generation) noexcept {
+  try {
+    const Json json = parsed(folder_ / kManifest);
+    if (json.is_object() && json.contains("generation") && json["generation"] == generation) {
+      generation_ = generation;
+    } else {
+      std::error_code ignored;
+      fs::remove(state(generation), ignored);
+    }
+  } catch (const std::exception&) {  // what cannot be read is left alone
+  }
 }
 
 std::uint64_t Checkpoints::freeAfter(std::uint64_t generation) const {
-  std::error_code error;
   do {
     ++generation;
-  } while (fs::exists(fs::symlink_status(state(generation), error)));
+  } while (io::isTaken(state(generation), ErrorCode::Output));
   return generation;
 }
 
 /// Only one that a manifest names, and that is a whole state: others may have put a file of that name there since.
 void Checkpoints::removeState(std::uint64_t generation) const {
   std::error_code error;
-  if (generation == 0 || !fs::is_regular_file(fs::symlink_status(state(generation), error))) return;
+  if (generation == 0 || io::entryAt(state(generation)) != fs::file_type::regular) return;
   try {
     (void)inspectState(state(generation));
     fs::remove(state(generation), error);

@@ -82,6 +82,9 @@ class Checkpoints {
   void readManifest();
   [[nodiscard]] bool continuesInPlace() const;
   void writeBoth(const AccessibilityField& field, const RunProgress& progress);
+  void saveAs(std::uint64_t generation, const AccessibilityField& field, const RunProgress& progress) const;
+  void writeManifest(const std::string& text) const;
+  void forgetUnlessNamed(std::uint64_t generation) noexcept;
   void refuseOthers() const;
   [[nodiscard]] std::uint64_t freeAfter(std::uint64_t generation) const;
   void removeState(std::uint64_t generation) const;

@@ -3,10 +3,10 @@
 #include "runs/state_file.h"
 
 #include <cstdint>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/saved_state.h"
 #include "options/tools_given.h"
 #include "output/progress.h"
@@ -16,13 +16,10 @@ namespace accessvdb::tools {
 namespace fs = std::filesystem;
 
 fs::path stateFile(const std::string& map, const std::string& id, const std::string& why, const ChangedState& changed) {
-  std::error_code ignored;
-  if (!fs::is_directory(map, ignored)) return map;
+  if (!io::isFolder(map)) return map;
   const fs::path manifest = fs::path(map) / "state.json";
-  std::ifstream in;
-  if (fs::is_regular_file(manifest, ignored)) in.open(manifest);
-  const auto json = nlohmann::ordered_json::parse(in, nullptr, false);
-  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned() ||
+  const auto json = nlohmann::ordered_json::parse(io::contentAt(manifest), nullptr, false);
+  if (!json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned() ||
       json["generation"] == 0) {
     throw InvalidArgument(id, map, "holds results, but no saved state, without which " + why,
                           "Run map with --checkpoint FOLDER, and name that folder");

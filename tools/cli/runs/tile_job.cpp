@@ -10,6 +10,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tool_tables.h"
 #include "options/tools_given.h"
 #include "output/output_files.h"
@@ -68,8 +69,7 @@ std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
   std::vector<tiles::PlannedInput> inputs;
   std::set<std::string> known;
   const auto add = [&](const fs::path& given, bool small) {
-    std::error_code error;
-    if (given.empty() || !fs::is_regular_file(given, error)) return;
+    if (!io::isFile(given)) return;
     const fs::path path = absolutePath(given);  // the next step may run in another working directory
     if (!known.insert(path.string()).second) return;
     inputs.push_back({path.string(), fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
@@ -175,12 +175,11 @@ PlanSettings planSettings(const FlagParser& flags) {
     // Later than the first plans, which do not have them.
     if ((key == "match" && text == "auto") || (key == "max-gap" && text == numberText(SurveyOptions().max_gap_s)))
       continue;
-    std::error_code ignored;
     std::string absolute;
     const std::vector<std::string> values = valuesOf(text);
     for (std::size_t n = 0; n < values.size(); ++n) {
       std::string each = values[n];
-      if (isIn(kPaths, key) && fs::exists(each, ignored)) each = absolutePath(each).string();
+      if (isIn(kPaths, key) && io::isThere(each)) each = absolutePath(each).string();
       constexpr std::string_view kList = "list:";
       if (key == "orientations" && each.starts_with(kList) && each.size() > kList.size()) {
         each = std::string(kList) + absolutePath(each.substr(kList.size())).string();

@@ -9,6 +9,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/output_check.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/program/points_diff.h"
 #include "accessvdb/tiles.h"
 #include "options/command_line.h"
@@ -41,8 +42,7 @@ std::vector<fs::path> pointFilesOf(const fs::path& map, io::OutputCheck& check, 
     if (files.empty()) messages.warning("field.empty", map.string() + " holds no tiles");
     return files;
   }
-  std::error_code error;
-  if (!fs::is_directory(map, error)) {
+  if (!io::isFolder(map)) {
     throw InputError("input.missing", map.string(), "no such folder", "Name the output folder of accessvdb map");
   }
   check.begin(map, {"points.ply"});

@@ -3,12 +3,12 @@
 /// accessvdb report: a field as one page for a browser.
 #include "verbs/html_report.h"
 
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "accessvdb/error.h"
 #include "accessvdb/program/html_report.h"
+#include "accessvdb/program/path_facts.h"
 #include "options/command_line.h"
 #include "output/output_files.h"
 #include "output/output_record.h"
@@ -24,10 +24,7 @@ namespace fs = std::filesystem;
 /// What report.json says that the run's tool was; empty without a readable one.
 ToolOptions toolOfRun(const fs::path& folder) {
   ToolOptions tool;
-  std::error_code error;
-  std::ifstream in;
-  if (fs::is_regular_file(folder / "report.json", error)) in.open(folder / "report.json");
-  const nlohmann::json report = in.is_open() ? nlohmann::json::parse(in, nullptr, false) : nlohmann::json();
+  const nlohmann::json report = nlohmann::json::parse(io::contentAt(folder / "report.json"), nullptr, false);
   if (!report.is_object() || !report.contains("parameters") || !report["parameters"].is_object()) return tool;
   if (report.contains("tools")) return tool;  // of several, the page draws none
   const auto text = [&](const char* key) {

@@ -3,11 +3,11 @@
 /// accessvdb info: what is inside a .vdb file, an output folder or a recording.
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/program/recording_info.h"
 #include "accessvdb/tiles.h"
 #include "options/command_line.h"
@@ -60,8 +60,7 @@ Json describeVdb(const fs::path& path) {
 
 /// The counts of an output folder, from its report.
 Json describeReport(const fs::path& path) {
-  std::ifstream in(path);
-  const Json report = Json::parse(in, nullptr, false);
+  const Json report = Json::parse(io::contentAt(path), nullptr, false);
   if (report.is_discarded() || !report.is_object()) {
     throw InputError("input.report", path.string(), "is not valid JSON", "Run accessvdb map again");
   }
@@ -226,7 +225,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     printData(json ? jsonText(result, 2) + "\n" : wordsOfRecording(recording));
     return 0;
   }
-  if (!fs::is_directory(path, status)) {
+  if (!io::isFolder(path)) {
     result = describeVdb(path);
     warnIfEmpty(result, messages);
     printData(json ? jsonText(result, 2) + "\n" : wordsOfVdb(result));
@@ -235,7 +234,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   const fs::path folder = path;
   result = {{"path", path}, {"report", nullptr}, {"files", Json::array()}};
   std::string words;
-  if (fs::exists(folder / "report.json", status)) {
+  if (io::isThere(folder / "report.json")) {
     result["report"] = describeReport(folder / "report.json");
     words += wordsOfReport(result["report"]);
   }
@@ -244,7 +243,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     words += wordsOfTiles(result["tiles"]);
   }
   for (const char* file : {"field.vdb", "field_points.vdb"}) {
-    if (!fs::exists(folder / file, status)) continue;
+    if (!io::isThere(folder / file)) continue;
     result["files"].push_back(describeVdb(folder / file));
     warnIfEmpty(result["files"].back(), messages);
     words += wordsOfVdb(result["files"].back());

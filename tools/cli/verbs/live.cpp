@@ -11,6 +11,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/live_session.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/render.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tool_tables.h"
@@ -113,8 +114,7 @@ void LiveRun::claimOutputFolder() {
   const fs::path out = options_.map.out;
   if (options_.map.no_clobber) {
     for (const char* file : kOutputs) {
-      std::error_code status;
-      if (!fs::exists(fs::symlink_status(out / file, status))) continue;
+      if (!io::isTaken(out / file, ErrorCode::Output)) continue;
       refused_ = true;
       throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
                         "Choose another --out folder");
@@ -284,8 +284,7 @@ int LiveRun::run() {
   params.approach.rolls = rollsOf(tool, params.approach);
   setParameters(params);
   for (const std::string& path : {options_.map.tool.tool, options_.map.common.config}) {
-    std::error_code status;
-    if (fs::is_regular_file(path, status)) report_.inputs.push_back({path, io::sha256OfFile(path)});
+    if (io::isFile(path)) report_.inputs.push_back({path, io::sha256OfFile(path)});
   }
   sayToolNotes(tool, messages_);
   requireClosedTools(options_.map, onlyTool(tool, params));

@@ -13,6 +13,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/render.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tool_tables.h"
@@ -103,8 +104,7 @@ void MapRun::claimOutputFolder() {
     if (options_.html) outputs.emplace_back(kPageFile);
     if (options_.fresh) outputs.emplace_back("plan.json");
     for (const std::string& file : outputs) {
-      std::error_code status;
-      if (!fs::exists(fs::symlink_status(out / file, status))) continue;
+      if (!io::isTaken(out / file, ErrorCode::Output)) continue;
       refused_ = true;
       throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
                         "Choose another --out folder");
@@ -144,8 +144,7 @@ void MapRun::clearOutputFolder(const Paths& inputs) {
 }
 
 void MapRun::hashInput(const fs::path& path) {
-  std::error_code status;
-  if (path.empty() || !fs::is_regular_file(path, status) || !hashed_.insert(path.string()).second) return;
+  if (!io::isFile(path) || !hashed_.insert(path.string()).second) return;
   report_.inputs.push_back({path.string(), io::sha256OfFile(path)});
 }
 
@@ -464,8 +463,7 @@ void MapRun::writeHtml(const std::vector<ToolSpec>& tools) {
   PageSources sources;
   sources.html = fs::path(options_.out) / kPageFile;
   if (!options_.html) {
-    std::error_code status;
-    if (fs::exists(sources.html, status)) {
+    if (io::isThere(sources.html)) {
       messages_.warning("output.old_report",
                         sources.html.string() + " is from an earlier run; --html writes a new one");
     }

@@ -1,0 +1,154 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "output/last_line.h"
+
+#include <signal.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cstdio>
+#include <cstring>
+#include <exception>
+#include <new>
+
+#include "accessvdb/program/output_file.h"
+
+namespace accessvdb::tools {
+namespace {
+
+pid_t own_process = 0;
+bool json_lines = false;
+/// An exception that ends the program is not always known (where a library's noexcept stops it), nor is a crash's
+/// cause.
+std::atomic<bool> memory_was_refused = false;
+std::atomic_flag ending = ATOMIC_FLAG_INIT;
+
+/// Escapes what would end the line or a string of JSON.
+class Line {
+ public:
+  void add(const char* text) {
+    for (; *text != 0 && size_ < sizeof text_ - 1; ++text) text_[size_++] = *text;
+  }
+  void addForeign(const char* text) {
+    for (; *text != 0 && size_ < kMostForeign; ++text) {
+      const auto byte = static_cast<unsigned char>(*text);
+      text_[size_++] = byte < 0x20 || byte == 0x7f || byte == '"' || byte == '\\' ? ' ' : *text;
+    }
+  }
+  void print() {
+    text_[size_++] = '\n';
+    static_cast<void>(!::write(STDERR_FILENO, text_, size_));  // nobody is left to tell
+  }
+
+ private:
+  static constexpr std::size_t kMostForeign = 600;
+  char text_[1024];
+  std::size_t size_ = 0;
+};
+
+[[noreturn]] void endWith(int exit_code, const char* id, const char* subject, const char* problem, const char* advice) {
+  if (::getpid() != own_process) ::_exit(exit_code);  // a child; its parent says what happened
+  if (ending.test_and_set()) {
+    for (;;) ::pause();  // another thread is ending the program
+  }
+  io::removeUnfinishedFiles();
+  char code[16];
+  std::snprintf(code, sizeof code, "%d", exit_code);
+  Line line;
+  line.add(json_lines ? "{\"level\":\"error\",\"id\":\"" : "accessvdb: error[");
+  line.add(id);
+  line.add(json_lines ? "\",\"exit_code\":" : "] ");
+  if (json_lines) line.add(code);
+  if (json_lines) line.add(",\"subject\":\"");
+  line.add(subject);
+  line.add(json_lines ? "\",\"problem\":\"" : *subject != 0 ? ": " : "");
+  line.addForeign(problem);
+  line.add(json_lines ? "\",\"advice\":\"" : ". ");
+  line.add(advice);
+  line.add(json_lines ? "\"}" : ".");
+  line.print();
+  ::_exit(exit_code);
+}
+
+constexpr const char* kIsABug = "This is a bug: please report it with this line and the command";
+
+[[noreturn]] void endUnhandled() {
+  try {
+    if (std::current_exception()) throw;
+  } catch (const std::bad_alloc&) {
+    endOutOfMemory();
+  } catch (const std::exception& error) {
+    endWith(70, "internal.exception", "", error.what(), kIsABug);
+  } catch (...) {
+    endWith(70, "internal.exception", "", "an unknown exception", kIsABug);
+  }
+  if (memory_was_refused) endOutOfMemory();
+  endWith(70, "internal.exception", "", "a library gave up", kIsABug);
+}
+
+[[noreturn]] void refuseMemory() {
+  memory_was_refused = true;
+  throw std::bad_alloc();
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // these say more about a crash
+/// Some libraries (blosc, OpenSSL) use memory without looking whether they got any. A system that has none for them has
+/// none for this either; a container's limit is met in another way, by SIGKILL.
+bool memoryIsShort() {
+  constexpr std::size_t kBytes = std::size_t{64} << 20;
+  void* const place = ::mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (place == MAP_FAILED) return true;
+  ::munmap(place, kBytes);
+  return memory_was_refused;
+}
+
+void endCrashed(int signal) {
+  if (::getpid() == own_process && memoryIsShort()) endOutOfMemory();
+  const char* const name = signal == SIGABRT  ? "a library aborted (SIGABRT)"
+                           : signal == SIGBUS ? "it crashed (SIGBUS)"
+                           : signal == SIGFPE ? "it crashed (SIGFPE)"
+                           : signal == SIGILL ? "it met an instruction that this processor lacks (SIGILL)"
+                                              : "it crashed (SIGSEGV)";
+  endWith(
+      70, "internal.crash", "the program", name,
+      "Where memory is limited (ulimit -v, a container), raise the limit; else this is a bug: please report it with "
+      "this line and the command");
+}
+
+void catchCrashes() {
+  static char stack[1 << 16];  // of its own: the program's may be full
+  stack_t other = {};
+  other.ss_sp = stack;
+  other.ss_size = sizeof stack;
+  ::sigaltstack(&other, nullptr);
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) {
+    struct sigaction action = {};
+    action.sa_handler = endCrashed;
+    action.sa_flags = SA_ONSTACK | static_cast<int>(SA_RESETHAND);
+    ::sigaction(signal, &action, nullptr);
+  }
+}
+#else
+void catchCrashes() {}
+#endif
+
+}  // namespace
+
+void endWithOneLine(int argc, char** argv) noexcept {
+  own_process = ::getpid();
+  for (int n = 1; n < argc; ++n) {
+    const bool next =
+        std::strcmp(argv[n], "--error-format") == 0 && n + 1 < argc && std::strcmp(argv[n + 1], "json") == 0;
+    if (next || std::strcmp(argv[n], "--error-format=json") == 0) json_lines = true;
+  }
+  std::set_terminate(endUnhandled);
+  std::set_new_handler(refuseMemory);
+  catchCrashes();
+}
+
+void endOutOfMemory() noexcept {
+  endWith(OutOfMemory::kExitCode, OutOfMemory::kId, OutOfMemory::kSubject, OutOfMemory::kProblem, OutOfMemory::kAdvice);
+}
+
+}  // namespace accessvdb::tools
