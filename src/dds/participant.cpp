@@ -42,6 +42,7 @@ constexpr int kHeldMessages = 4;
 
 /// Somebody who publishes a topic that is wanted.
 struct Sender {
+  rtps::GUID_t id;
   std::string type;  ///< as DDS has it
   bool reliable = false;
 };
@@ -102,6 +103,7 @@ class Subscription : public fast::DataReaderListener {
       }
       const std::scoped_lock locked(lock_);
       ++state_.received;
+      countLost(info.sample_identity);
       if (problem.empty()) continue;
       ++state_.malformed;
       state_.last_problem = std::move(problem);
@@ -111,14 +113,10 @@ class Subscription : public fast::DataReaderListener {
     const std::scoped_lock locked(lock_);
     state_.senders = static_cast<std::uint64_t>(std::max(status.current_count, 0));
   }
-  void on_sample_lost(fast::DataReader*, const fast::SampleLostStatus& status) override {
-    const std::scoped_lock locked(lock_);
-    state_.lost = static_cast<std::uint64_t>(status.total_count);
-  }
-
   void setType(const std::string& type) {
     const std::scoped_lock locked(lock_);
     state_.type = type;
+    state_.senders = 0;
   }
   [[nodiscard]] TopicState state() const {
     const std::scoped_lock locked(lock_);
@@ -129,38 +127,54 @@ class Subscription : public fast::DataReaderListener {
   const bool of_clouds;
   bags::MessageKind kind = bags::MessageKind::PointCloud2;  ///< before there is a reader
   fast::DataReader* reader = nullptr;
-  bool said_type = false;  ///< that it is of a type that is not read
+  Sender heard;             ///< the one that the reader was made for
+  bool said_type = false;   ///< that somebody sends a type that is not read
+  bool said_other = false;  ///< that somebody sends in another way than the one who is heard
 
  private:
+  /// Each sender counts its messages: what is missing between two of them was lost, or too large to be accepted, of
+  /// which the middleware says nothing.
+  void countLost(const rtps::SampleIdentity& message) {
+    constexpr std::size_t kMostSenders = 512;
+    if (last_of_.size() == kMostSenders && !last_of_.contains(message.writer_guid())) last_of_.clear();
+    const std::uint64_t number = message.sequence_number().to64long();
+    std::uint64_t& last = last_of_.try_emplace(message.writer_guid(), number).first->second;
+    if (number > last + 1) state_.lost += number - last - 1;
+    last = std::max(last, number);
+  }
+
   Decode decode_;
   std::string message_;  ///< one thread of the middleware at a time calls a reader's listener
   mutable std::mutex lock_;
   TopicState state_;
+  std::map<rtps::GUID_t, std::uint64_t> last_of_;  ///< message of each sender
 };
 
-/// Remembers who publishes what is wanted.
+/// Remembers who publishes what is wanted, as long as they do.
 class Discovery : public fast::DomainParticipantListener {
  public:
   void want(const std::string& topic) { found_[ddsTopic(topic)]; }
 
   void on_publisher_discovery(fast::DomainParticipant*, rtps::WriterDiscoveryInfo&& writer) override {
+    constexpr std::size_t kMostSenders = 512;  // of one topic
     const std::scoped_lock locked(lock_);
     const auto wanted = found_.find(writer.info.topicName().to_string());
-    if (wanted == found_.end() || writer.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) return;
-    if (wanted->second) return;
-    wanted->second = Sender{writer.info.typeName().to_string(),
-                            writer.info.m_qos.m_reliability.kind == fast::RELIABLE_RELIABILITY_QOS};
+    if (wanted == found_.end()) return;
+    std::erase_if(wanted->second, [&](const Sender& known) { return known.id == writer.info.guid(); });
+    if (writer.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER || wanted->second.size() == kMostSenders) return;
+    wanted->second.push_back({writer.info.guid(), writer.info.typeName().to_string(),
+                              writer.info.m_qos.m_reliability.kind == fast::RELIABLE_RELIABILITY_QOS});
   }
 
-  /// The first one that was found since the last call.
-  [[nodiscard]] std::optional<Sender> take(const std::string& topic) {
+  /// In the order in which they were found.
+  [[nodiscard]] std::vector<Sender> sendersOf(const std::string& topic) {
     const std::scoped_lock locked(lock_);
-    return std::exchange(found_[ddsTopic(topic)], std::nullopt);
+    return found_[ddsTopic(topic)];
   }
 
  private:
   std::mutex lock_;
-  std::map<std::string, std::optional<Sender>> found_;  ///< by DDS topics, of which there are two
+  std::map<std::string, std::vector<Sender>> found_;  ///< by DDS topics, of which there are two
 };
 
 }  // namespace
@@ -227,19 +241,45 @@ struct Participant::Impl {
     return made;
   }
 
+  /// What a reader that was made for one sender gets from another: the same type, and nothing less reliable.
+  static bool hears(const Sender& heard, const Sender& other) {
+    return heard.type == other.type && (other.reliable || !heard.reliable);
+  }
+
+  /// To the first who sends what is wanted; to another when none of those who send can be heard any more.
   void subscribe(Subscription& to, std::vector<std::string>& notices) {
-    if (to.reader != nullptr || stopped) return;
-    const std::optional<Sender> sender = discovery.take(to.topic);
-    if (!sender) return;
-    const std::string type = rosType(sender->type);
-    const std::optional<bags::MessageKind> kind = bags::kindOf(type);
-    if (!kind || !to.isWanted(*kind)) {
-      if (!std::exchange(to.said_type, true))
-        notices.push_back(to.topic + " is of type " + type.substr(0, 100) + ", which is not read here");
-      return;
+    if (stopped) return;
+    std::optional<Sender> first;
+    bool heard = false, unheard = false;
+    for (const Sender& sender : discovery.sendersOf(to.topic)) {
+      const std::string type = rosType(sender.type);
+      if (const auto kind = bags::kindOf(type); !kind || !to.isWanted(*kind)) {
+        if (!std::exchange(to.said_type, true))
+          notices.push_back(to.topic + " is of type " + type.substr(0, 100) + ", which is not read here");
+        continue;
+      }
+      if (!first) first = sender;
+      (to.reader != nullptr && hears(to.heard, sender) ? heard : unheard) = true;
     }
+    if (heard && unheard && !std::exchange(to.said_other, true))
+      notices.push_back(to.topic + " also comes as another type or best effort, which is not heard beside the first");
+    if (heard || !first) return;
+    unsubscribe(to);
+    subscribeTo(to, *first, notices);
+  }
+
+  void unsubscribe(Subscription& from) {
+    if (from.reader == nullptr) return;
+    const auto* const topic = from.reader->get_topicdescription();
+    subscriber->delete_datareader(std::exchange(from.reader, nullptr));
+    if (fast::Topic* own = dynamic_cast<fast::Topic*>(participant->lookup_topicdescription(topic->get_name())))
+      participant->delete_topic(own);
+  }
+
+  void subscribeTo(Subscription& to, const Sender& sender, std::vector<std::string>& notices) {
+    const std::string type = rosType(sender.type);
     fast::DataReaderQos qos;
-    qos.reliability().kind = sender->reliable ? fast::RELIABLE_RELIABILITY_QOS : fast::BEST_EFFORT_RELIABILITY_QOS;
+    qos.reliability().kind = sender.reliable ? fast::RELIABLE_RELIABILITY_QOS : fast::BEST_EFFORT_RELIABILITY_QOS;
     qos.durability().kind = fast::VOLATILE_DURABILITY_QOS;
     qos.history().kind = fast::KEEP_LAST_HISTORY_QOS;
     qos.history().depth = kHeldMessages;
@@ -250,14 +290,15 @@ struct Participant::Impl {
     qos.resource_limits().extra_samples = kHeldMessages;  // being put together from fragments
     // What a sender announces is not what is allocated: messages have their places before they come.
     qos.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;
-    fast::Topic* topic = topicOf(to.topic, sender->type, to.of_clouds ? options.most_message_bytes : kMostPoseBytes);
+    fast::Topic* topic = topicOf(to.topic, sender.type, to.of_clouds ? options.most_message_bytes : kMostPoseBytes);
     if (topic == nullptr) fail("could not subscribe to " + to.topic);
-    to.kind = *kind;
+    to.kind = *bags::kindOf(type);
+    to.heard = sender;
     to.setType(type);
     to.reader = subscriber->create_datareader(topic, qos, &to);
     if (to.reader == nullptr) fail("could not subscribe to " + to.topic);
     notices.push_back((to.of_clouds ? "clouds from " : "poses from ") + to.topic + " (" + type + ", " +
-                      (sender->reliable ? "reliable" : "best effort") + ")");
+                      (sender.reliable ? "reliable" : "best effort") + ")");
   }
 
   ParticipantOptions options;
@@ -285,10 +326,7 @@ std::vector<std::string> Participant::poll() {
 
 void Participant::stopReceiving() {
   impl_->stopped = true;
-  for (Subscription* subscription : {&impl_->clouds, &impl_->poses}) {
-    if (subscription->reader == nullptr) continue;
-    impl_->subscriber->delete_datareader(std::exchange(subscription->reader, nullptr));
-  }
+  for (Subscription* subscription : {&impl_->clouds, &impl_->poses}) impl_->unsubscribe(*subscription);
 }
 
 bool Participant::publish(Output output, std::string cdr) {

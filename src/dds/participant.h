@@ -37,7 +37,7 @@ struct TopicState {
   std::uint64_t senders = 0;      ///< connected now
   std::uint64_t received = 0;     ///< messages that arrived
   std::uint64_t malformed = 0;    ///< of these: not what their type says, not used
-  std::uint64_t lost = 0;         ///< messages that the middleware says did not arrive
+  std::uint64_t lost = 0;         ///< messages that did not arrive between two that did: too large, or not sent again
   std::string last_problem = {};  ///< of the last malformed one
 };
 

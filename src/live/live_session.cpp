@@ -57,6 +57,8 @@ Eigen::Vector3f asFloat(const Eigen::Vector3d& p) {
 }
 
 std::size_t returnsOf(const LiveScan& scan) { return scan.points.size() + scan.points_double.size(); }
+/// What it takes to let a scan wait, in returns: one without any takes memory too.
+std::size_t weightOf(const LiveScan& scan) { return std::max<std::size_t>(returnsOf(scan), 100); }
 
 struct WaitingScan {
   LiveScan scan;
@@ -121,7 +123,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   // With the lock held:
 
   void drop(const WaitingScan& scan, ScanDrop reason) {
-    constexpr std::size_t kRemembered = 1024;
+    constexpr std::size_t kRemembered = std::size_t{1} << 16;
     ++status.dropped[static_cast<std::size_t>(reason)];
     if (dropped.size() == kRemembered) dropped.pop_front();
     dropped.push_back({scan.number, scan.scan.stamp_ns, reason});
@@ -188,8 +190,9 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       if (!T_W_B && !isHopeless(stamp_ns)) return std::nullopt;
       WaitingScan waiting = std::move(queue.front());
       queue.pop_front();
-      waiting_returns -= returnsOf(waiting.scan);
+      waiting_returns -= weightOf(waiting.scan);
       if (T_W_B) {
+        taken_stamp_ns = stamp_ns;
         internal::LostReturns lost_now = takeLost();
         // Those behind are in order of time: if this one has a pose, all before it have one or never will.
         const bool late = queue.size() >= options.queue_scans &&
@@ -202,6 +205,18 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       drop(waiting, ScanDrop::NoPose);
     }
     return std::nullopt;
+  }
+
+  /// A scan that waits for poses, and is far later than one that comes after it, had a wrong clock: it must not keep
+  /// out all that follow.
+  void dropFromTheFuture(std::int64_t stamp_ns) {
+    constexpr std::int64_t kFar_ns = 10'000'000'000;
+    while (!queue.empty() && queue.back().scan.stamp_ns - stamp_ns > kFar_ns && !poses.at(queue.back().scan.stamp_ns)) {
+      drop(queue.back(), ScanDrop::OutOfOrder);
+      waiting_returns -= weightOf(queue.back().scan);
+      queue.pop_back();
+      last_stamp_ns = queue.empty() ? taken_stamp_ns : queue.back().scan.stamp_ns;
+    }
   }
 
   // Without it, from the one thread that takes steps:
@@ -270,7 +285,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   mutable std::mutex lock;  ///< for all that follows
   std::condition_variable arrived;
   std::deque<WaitingScan> queue;
-  std::size_t waiting_returns = 0;  ///< of all scans in it
+  std::size_t waiting_returns = 0;  ///< weightOf() all scans in it
   internal::LostReturns lost;       ///< of scans that there was no time for, until the next step
   /// The same of scans whose poses are not there yet: times, and returns in the frame of their sensor.
   std::deque<std::pair<std::int64_t, internal::LostReturns>> unplaced;
@@ -278,7 +293,8 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   std::deque<DroppedScan> dropped;
   internal::PoseBuffer poses;
   std::optional<std::string> world_frame;
-  std::optional<std::int64_t> last_stamp_ns;  ///< of the last scan that was put in the queue
+  std::optional<std::int64_t> last_stamp_ns;   ///< of the last scan that was put in the queue
+  std::optional<std::int64_t> taken_stamp_ns;  ///< of the last one that left it with a pose
   bool ended = false;
   bool busy = false;  ///< a step has a scan
   LiveStatus status;
@@ -311,19 +327,22 @@ void LiveSession::addScan(LiveScan scan) {
     const std::scoped_lock locked(impl_->lock);
     WaitingScan waiting = {std::move(scan), impl_->status.published++, Clock::now()};
     const std::int64_t stamp_ns = waiting.scan.stamp_ns;
-    const std::size_t returns = returnsOf(waiting.scan);
-    if (stamp_ns <= 0 || stamp_ns > io::kMostStamp_ns || returns > impl_->options.most_returns) {
+    const bool usable =
+        stamp_ns > 0 && stamp_ns <= io::kMostStamp_ns && returnsOf(waiting.scan) <= impl_->options.most_returns;
+    if (usable) impl_->dropFromTheFuture(stamp_ns);
+    if (!usable) {
       impl_->drop(waiting, ScanDrop::Unusable);
     } else if (impl_->last_stamp_ns && stamp_ns <= *impl_->last_stamp_ns) {
       impl_->drop(waiting, ScanDrop::OutOfOrder);
     } else {
       impl_->last_stamp_ns = stamp_ns;
-      while (!impl_->queue.empty() && impl_->waiting_returns + returns > impl_->options.most_waiting_returns) {
+      const std::size_t weight = weightOf(waiting.scan);
+      while (!impl_->queue.empty() && impl_->waiting_returns + weight > impl_->options.most_waiting_returns) {
         impl_->lose(impl_->queue.front());
-        impl_->waiting_returns -= returnsOf(impl_->queue.front().scan);
+        impl_->waiting_returns -= weightOf(impl_->queue.front().scan);
         impl_->queue.pop_front();
       }
-      impl_->waiting_returns += returns;
+      impl_->waiting_returns += weight;
       impl_->queue.push_back(std::move(waiting));
     }
   }

@@ -38,7 +38,13 @@ bool PoseBuffer::add(std::int64_t stamp_ns, const Eigen::Vector3d& p, const Eige
   entry.T.linear() = q.normalized().toRotationMatrix();
   entry.T.translation() = p;
   poses_.insert(after, entry);
-  if (poses_.size() > most_) poses_.pop_front();
+  arrived_ns_.push_back(stamp_ns);
+  if (poses_.size() > most_) {
+    const std::int64_t oldest_ns = arrived_ns_.front();
+    arrived_ns_.pop_front();
+    poses_.erase(std::lower_bound(poses_.begin(), poses_.end(), oldest_ns,
+                                  [](const Entry& pose, std::int64_t stamp) { return pose.stamp_ns < stamp; }));
+  }
   return true;
 }
 

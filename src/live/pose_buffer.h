@@ -21,7 +21,7 @@ class PoseBuffer {
     std::uint64_t invalid = 0, repeated = 0, backwards = 0;
   };
 
-  /// @param most  poses that are kept; the earliest go first
+  /// @param most  poses that are kept; those that came first go first, whatever their clock said
   /// @param max_gap_s  longest gap that is interpolated over
   explicit PoseBuffer(std::size_t most, double max_gap_s = io::kMaxPoseGap_s)
       : most_(most), max_gap_ns_(io::nanoseconds(max_gap_s)) {}
@@ -44,7 +44,8 @@ class PoseBuffer {
 
   std::size_t most_;
   std::int64_t max_gap_ns_;
-  std::deque<Entry> poses_;  ///< in the order of their stamps, all different
+  std::deque<Entry> poses_;              ///< in the order of their stamps, all different
+  std::deque<std::int64_t> arrived_ns_;  ///< their stamps in the order in which they came
   std::optional<std::int64_t> last_arrived_ns_;
   Counts counts_;
 };

@@ -125,6 +125,52 @@ TEST(LiveLimits, AnObstacleThatComesWithTheMemoryFullBlocks) {
   EXPECT_EQ(accessible(session.field()), 0U);
 }
 
+/// They take memory as well, and there may be any number of them.
+TEST(LiveLimits, EmptyScansDoNotWaitInAnyNumber) {
+  LiveOptions options;
+  options.most_waiting_returns = 5000;
+  LiveSession session(rod(), coarseParams(), options);
+  for (std::size_t n = 0; n < 1000; ++n) session.addScan({stampOf(n)});
+  EXPECT_EQ(session.status().waiting, 50U);
+  EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 950U);
+  EXPECT_EQ(session.takeDropped().size(), 950U);
+  session.endOfPoses();
+  EXPECT_FALSE(session.step());
+  EXPECT_EQ(session.status().waiting, 0U);
+  expectAllAccountedFor(session.status());
+}
+
+/// One that waits and is more than 10 s later than the next had a wrong clock. It goes, and order is kept all the same.
+TEST(LiveLimits, AScanFromTheFutureKeepsNobodyOut) {
+  const std::vector<Scan> scans = test::wallScans(3, 8, 100);
+  LiveSession session(test::armTool(), coarseParams());
+  std::vector<std::size_t> taken;
+  const auto send = [&](std::size_t n, std::int64_t wrong_ns = 0) {
+    session.addPose(poseOf(scans[n], n));
+    LiveScan scan = scanOf(scans[n], n);
+    scan.stamp_ns += wrong_ns;
+    session.addScan(std::move(scan));
+    while (const auto step = session.step()) taken.push_back(step->number);
+  };
+  send(0);
+  send(1);
+  send(2, 20'000'000'000);
+  send(3, 86'400'000'000'000);
+  EXPECT_EQ(session.status().waiting, 2U);
+  send(4);
+  EXPECT_EQ(droppedFor(session, ScanDrop::OutOfOrder), 2U);
+  send(1);  // not later than one that was taken
+  EXPECT_EQ(droppedFor(session, ScanDrop::OutOfOrder), 3U);
+  send(5, 9'000'000'000);  // may be right: poses may be late, too
+  send(6);
+  EXPECT_EQ(droppedFor(session, ScanDrop::OutOfOrder), 4U);
+  EXPECT_EQ(taken, (std::vector<std::size_t>{0, 1, 4}));
+  session.endOfPoses();
+  EXPECT_FALSE(session.step());
+  expectAllAccountedFor(session.status());
+  expectSameField(session.field(), fedDirectly(scans, taken));
+}
+
 TEST(LiveLimits, DropScansThatWillNeverHaveAPose) {
   const std::vector<Scan> scans = test::wallScans(3, 10, 200);
   LiveOptions options;

@@ -92,5 +92,20 @@ TEST(PoseBuffer, ForgetsAPoseFromTheFarFutureAsAMeasureOfTime) {
   EXPECT_EQ(buffer.counts().backwards, 1U);
 }
 
+/// A clock that jumped forth and back: what came under the wrong time makes place for what comes now.
+TEST(PoseBuffer, PosesFromTheFarFutureDoNotKeepOutThoseThatFollow) {
+  PoseBuffer buffer(5);
+  const auto add = [&](std::int64_t stamp_ns) {
+    buffer.add(stamp_ns, Eigen::Vector3d::Zero(), Eigen::Quaterniond::Identity());
+  };
+  for (int n = 0; n < 20; ++n) add(86'400'000'000'000 + n * 50'000'000);
+  for (int n = 0; n < 10; ++n) {
+    add(1'000'000'000 + n * 50'000'000);
+    EXPECT_TRUE(buffer.at(1'000'000'000 + n * 50'000'000)) << n;
+    EXPECT_EQ(buffer.size(), 5U);
+  }
+  EXPECT_FALSE(buffer.at(1'000'000'000)) << "the first of them went before the last";
+}
+
 }  // namespace
 }  // namespace accessvdb::internal

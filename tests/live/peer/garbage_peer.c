@@ -3,11 +3,14 @@
  *
  * Sends bytes that are not what the type's name says.
  *
- *   live_garbage_peer domain=N count=N [bytes=N] [reliable=0|1] [topic=cloud|odom]
+ *   live_garbage_peer domain=N count=N [bytes=N] [reliable=0|1] [topic=cloud|odom] [as=cloud|odom] [die_us=N]
  *
  * bytes: the size of each message instead of 0 .. 4000 by chance. Half of the small ones begin like a cloud, so that
- * what is wrong comes late. Prints "published N". */
+ * what is wrong comes late. as: under the name of the other type, which nobody is to subscribe to. die_us: it is killed
+ * so long after it has begun to send, inside a message. Prints "published N". */
 #include <dds/dds.h>
+#include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,8 +38,17 @@ static uint64_t chance(void) {
   return state;
 }
 
+static void* dieLater(void* us) {
+  dds_sleepfor(DDS_USECS(*(const long*)us));
+  raise(SIGKILL);
+  return NULL;
+}
+
 int main(int argc, char** argv) {
-  const int clouds = strcmp(word(argc, argv, "topic", "cloud"), "cloud") == 0;
+  const char* to = word(argc, argv, "topic", "cloud");
+  const int clouds = strcmp(word(argc, argv, "as", to), "cloud") == 0,
+            wrong = strcmp(word(argc, argv, "as", to), to) != 0;
+  long die_us = atol(word(argc, argv, "die_us", "0"));
   const long count = atol(word(argc, argv, "count", "100"));
   const size_t fixed = (size_t)atol(word(argc, argv, "bytes", "0"));
   const dds_entity_t participant =
@@ -48,17 +60,17 @@ int main(int argc, char** argv) {
   dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 100);
   const dds_entity_t topic = dds_create_topic(
       participant, clouds ? &sensor_msgs_msg_dds__PointCloud2__desc : &nav_msgs_msg_dds__Odometry__desc,
-      clouds ? "rt/livox/lidar" : "rt/Odometry", NULL, NULL);
+      strcmp(to, "cloud") == 0 ? "rt/livox/lidar" : "rt/Odometry", NULL, NULL);
   check(topic, "topic");
   const dds_entity_t writer = dds_create_writer(participant, topic, qos, NULL);
   check(writer, "writer");
   dds_publication_matched_status_t matched;
-  for (int tries = 0; tries < 1500; ++tries) {
+  for (int tries = 0; tries < 1500 && !wrong; ++tries) {
     check(dds_get_publication_matched_status(writer, &matched), "matched");
     if (matched.current_count > 0) break;
     dds_sleepfor(DDS_MSECS(20));
   }
-  if (matched.current_count == 0) {
+  if (!wrong && matched.current_count == 0) {
     fprintf(stderr, "live_garbage_peer: nobody to talk to after 30 s\n");
     return 1;
   }
@@ -68,6 +80,8 @@ int main(int argc, char** argv) {
    * letters, 1 x 2^32-1 points, a billion fields. */
   static const uint8_t kLikeCloud[] = {0, 0, 0, 0, 5, 0, 0,   0,   'b', 'o', 'd', 'y', 0, 0,
                                        0, 0, 1, 0, 0, 0, 255, 255, 255, 255, 0,   0,   0, 64};
+  pthread_t killer;
+  if (die_us > 0 && pthread_create(&killer, NULL, dieLater, &die_us) != 0) return 1;
   long published = 0;
   for (; published < count; ++published) {
     const size_t size = fixed > 0 ? fixed : (size_t)(chance() % 4000);
@@ -88,7 +102,7 @@ int main(int argc, char** argv) {
       check(dds_write(writer, &sample), "write");
     }
     free(bytes);
-    dds_sleepfor(DDS_MSECS(fixed > 0 ? 100 : 2));
+    dds_sleepfor(DDS_MSECS(fixed > 0 && die_us == 0 ? 100 : 2));
   }
   if (reliable) dds_wait_for_acks(writer, DDS_SECS(3));
   dds_sleepfor(DDS_MSECS(300));

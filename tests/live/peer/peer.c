@@ -5,12 +5,14 @@
  * live map. Shares no code with the project.
  *
  *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [large=N] [listen=PREFIX] [wait_s=S]
+ *             [pose_stamps=FILE] [poses=0|1]
  *
  * STREAM: for each scan int64 stamp_ns, 3 doubles, 4 doubles x y z w, uint32 n, n x 3 floats; little-endian.
  * rate=0: as fast as it can. die=N: it is killed after N scans.
  * large=N: after N scans comes one of 3 MB more, which is not counted. listen: writes PREFIX.status (the last one),
  * PREFIX.points (the data of the last message with all points), PREFIX.changes (the data of all messages with changed
- * points, one after the other). Prints "published N" at the end. */
+ * points, one after the other). pose_stamps: int64 for each scan, the stamps of the odometry instead of those of the
+ * scans. poses=0: clouds alone. Prints "published N" at the end. */
 #include <dds/dds.h>
 #include <inttypes.h>
 #include <signal.h>
@@ -140,6 +142,12 @@ int main(int argc, char** argv) {
     perror(argv[1]);
     return 1;
   }
+  FILE* pose_stamps = NULL;
+  if (word(argc, argv, "pose_stamps") != NULL && (pose_stamps = fopen(word(argc, argv, "pose_stamps"), "rb")) == NULL) {
+    perror("pose_stamps");
+    return 1;
+  }
+  const int with_poses = argument(argc, argv, "poses", 1) > 0;
   const double rate = argument(argc, argv, "rate", 10);
   const long first = (long)argument(argc, argv, "first", 0), count = (long)argument(argc, argv, "count", 1e9),
              die = (long)argument(argc, argv, "die", -1), large = (long)argument(argc, argv, "large", -1);
@@ -218,14 +226,16 @@ int main(int argc, char** argv) {
     uint32_t points = 0;
     need(fread(pose, sizeof(double), 7, stream), 7);
     need(fread(&points, sizeof points, 1, stream), 1);
+    int64_t pose_stamp_ns = stamp_ns;
+    if (pose_stamps != NULL) need(fread(&pose_stamp_ns, sizeof pose_stamp_ns, 1, pose_stamps), 1);
     float* xyz = malloc(12 * (size_t)points + 1);
     need(fread(xyz, 12, points, stream), points);
     if (number >= first) {
       if (rate > 0) waitUntil(start + (dds_time_t)(1e9 * (double)published / rate), &ears);
       Odometry odom;
       memset(&odom, 0, sizeof odom);
-      odom.header.stamp.sec = (int32_t)(stamp_ns / 1000000000);
-      odom.header.stamp.nanosec = (uint32_t)(stamp_ns % 1000000000);
+      odom.header.stamp.sec = (int32_t)(pose_stamp_ns / 1000000000);
+      odom.header.stamp.nanosec = (uint32_t)(pose_stamp_ns % 1000000000);
       odom.header.frame_id = "odom";
       odom.child_frame_id = "body";
       odom.pose.pose.position.x = pose[0];
@@ -235,11 +245,11 @@ int main(int argc, char** argv) {
       odom.pose.pose.orientation.y = pose[4];
       odom.pose.pose.orientation.z = pose[5];
       odom.pose.pose.orientation.w = pose[6];
-      check(dds_write(odometry, &odom), "odometry");
+      if (with_poses) check(dds_write(odometry, &odom), "odometry");
       Cloud cloud;
       memset(&cloud, 0, sizeof cloud);
-      cloud.header.stamp.sec = odom.header.stamp.sec;
-      cloud.header.stamp.nanosec = odom.header.stamp.nanosec;
+      cloud.header.stamp.sec = (int32_t)(stamp_ns / 1000000000);
+      cloud.header.stamp.nanosec = (uint32_t)(stamp_ns % 1000000000);
       cloud.header.frame_id = "body";
       cloud.height = 1;
       cloud.width = points;

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb live: clouds and poses over DDS in, labels out while they come; files as those of `map` at the end.
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -63,7 +64,14 @@ class ScanLog {
   void dropped(const std::vector<DroppedScan>& scans) {
     if (path_.empty()) return;
     for (const DroppedScan& scan : scans) out_ << scan.stamp_ns << " " << name(scan.reason) << "\n";
+    listed_ += scans.size();
     out_ << std::flush;
+    check();
+  }
+  /// @param dropped  scans in all: in a flood, more may come at once than a session remembers
+  void finish(std::uint64_t dropped) {
+    if (path_.empty() || dropped == listed_) return;
+    out_ << "# " << dropped - listed_ << " more were dropped; report.json counts them by reason\n" << std::flush;
     check();
   }
 
@@ -73,6 +81,7 @@ class ScanLog {
   }
   std::string path_;
   std::ofstream out_;
+  std::uint64_t listed_ = 0;  ///< of the dropped scans
 };
 
 /// One run. Its report is always complete, so that it can be written whatever happens.
@@ -93,10 +102,11 @@ class LiveRun {
   void claimOutputFolder();
   void setParameters(const FieldParams& params);
   void receive(LiveSession& session, dds::Participant& participant, ScanLog& log);
-  void takeReady(LiveSession& session, dds::Participant& participant, ScanLog& log);
+  void takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log);
   void note(const LiveStep& step);
   void publishPoints(const LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
+  void warnOfNoneTaken(const LiveStatus& status);
   void say(const LiveSession& session, const dds::Participant& participant);
   void finish(const LiveSession& session);
 
@@ -105,6 +115,10 @@ class LiveRun {
   RunReport report_;
   bool refused_ = false;  // existing outputs must stay
   bool said_full_ = false, said_many_ = false, said_disagree_ = false;
+  // To see when no scan is taken any more: what was dropped when the last one was, and when looked at last.
+  std::uint64_t taken_before_ = 0, times_dropped_ = 0;
+  std::array<std::uint64_t, kNumScanDrops> dropped_before_ = {}, dropped_last_ = {};
+  std::array<bool, kNumScanDrops> said_dropped_ = {};
   std::int64_t last_stamp_ns_ = 0;
   std::uint64_t sent_after_scans_ = 0, sent_to_ = 0;  // of the last message with all points
   Clock::time_point start_ = Clock::now();
@@ -162,15 +176,15 @@ void LiveRun::note(const LiveStep& step) {
   last_stamp_ns_ = step.stamp_ns;
 }
 
-void LiveRun::takeReady(LiveSession& session, dds::Participant& participant, ScanLog& log) {
-  while (const auto step = session.step()) {
+/// One scan at a time: in a flood there is always another, and status, points and words must come all the same.
+void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log) {
+  if (const auto step = session.step()) {
     note(*step);
     log.taken(*step);
     if (!step->changed.empty() && participant.subscribers(dds::Output::Changes) > 0) {
       participant.publish(dds::Output::Changes,
                           dds::cloudMessage(step->changed, step->stamp_ns, session.status().world_frame));
     }
-    if (stopSignal() != 0) break;
   }
   log.dropped(session.takeDropped());
 }
@@ -201,11 +215,41 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
   report_.agreement = session.agreement();
   if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
     messages_.warning("poses.disagree", *warning);
+  warnOfNoneTaken(report_.live->status);
   if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
     messages_.warning("live.memory_full", "map and points take " +
                                               bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +
                                               ", the limit: the map no longer grows, and what it has no place for "
                                               "blocks; what it has is still updated");
+  }
+}
+
+/// Clocks that jump, or differ: scans go on to come, and not one of them is taken. Many at once is not that: they have
+/// waited for the first poses.
+void LiveRun::warnOfNoneTaken(const LiveStatus& status) {
+  constexpr std::uint64_t kMany = 20, kTimes = 3;
+  if (status.taken != taken_before_) {
+    taken_before_ = status.taken;
+    dropped_before_ = dropped_last_ = status.dropped;
+    times_dropped_ = 0;
+    return;
+  }
+  times_dropped_ += status.dropped != dropped_last_ ? 1 : 0;
+  dropped_last_ = status.dropped;
+  if (times_dropped_ < kTimes) return;
+  const auto many = [&](ScanDrop reason) {
+    const auto n = static_cast<std::size_t>(reason);
+    return status.dropped[n] - dropped_before_[n] >= kMany && !std::exchange(said_dropped_[n], true);
+  };
+  if (many(ScanDrop::OutOfOrder)) {
+    messages_.warning("live.clock", "no scan of " + options_.cloud +
+                                        " is taken any more: their times are not later than that of one before, so "
+                                        "the sender's clock has jumped back. Start this run again once it is right");
+  }
+  if (many(ScanDrop::NoPose)) {
+    messages_.warning("live.no_pose", "no scan of " + options_.cloud + " is taken: " + options_.odom +
+                                          " has no poses around their times. Set the clocks of both senders alike, or "
+                                          "give --max-gap the time between two poses");
   }
 }
 
@@ -219,6 +263,9 @@ void LiveRun::say(const LiveSession& session, const dds::Participant& participan
                      numberText(std::round(status.latency_p99_ms)) + " ms";
   if (clouds.senders == 0) text += "; nobody publishes " + options_.cloud;
   if (poses.senders == 0) text += "; nobody publishes " + options_.odom;
+  if (clouds.senders > 0 && clouds.received == 0 && poses.received > 0)
+    text += "; nothing of " + options_.cloud + " arrives: are its messages larger than --max-message " +
+            options_.max_message + "?";
   for (const auto& [topic, state] : {std::pair{options_.cloud, clouds}, std::pair{options_.odom, poses}}) {
     if (state.malformed == 0) continue;
     text += "; " + topic + ": " + std::to_string(state.malformed) + " unusable messages, the last " +
@@ -237,7 +284,7 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
   while (stopSignal() == 0) {
     for (const std::string& notice : participant.poll()) messages_.notice(notice);
     session.waitForWork(std::chrono::milliseconds(50));
-    takeReady(session, participant, log);
+    takeNext(session, participant, log);
     if (options_.points_every_s > 0 && due(points_at, options_.points_every_s)) publishPoints(session, participant);
     if (due(status_at, options_.status_every_s)) publishStatus(session, participant);
     if (Clock::now() - words_at < kWordsEvery) continue;
@@ -254,6 +301,7 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
     }
   }
   log.dropped(session.takeDropped());
+  log.finish(session.status().allDropped());
   publishStatus(session, participant);
 }
 
