@@ -186,8 +186,9 @@ class Worker {
   std::string read(const Target& target, const fs::path& file, std::uint64_t n) {
     try {
       target.reader->read(file, n);
+      const std::size_t opened = target.reader->opened ? target.reader->opened(file, target.set) : 0;
       ++progress_->accepted;
-      return "";
+      return opened == 0 ? "" : std::to_string(opened) + " points are accessible only in the damaged one";
     } catch (const Error& error) {
       const std::string text = error.what();
       ++progress_->refused;

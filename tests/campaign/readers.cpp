@@ -78,6 +78,22 @@ void readField(const fs::path& file, std::uint64_t seed) {
     (void)io::diffPoints({file}, {file});
   }
 }
+/// By the points themselves, and by answers at their places.
+std::size_t openedInField(const fs::path& file, const fs::path& whole) {
+  static const FieldSnapshot known = io::StoredField::open(whole).points();
+  const io::StoredField damaged = io::StoredField::open(file.parent_path());
+  const auto isOpen = [](const SurfacePoint& point) { return point.label == PointLabel::Accessible; };
+  std::size_t opened = 0, asked = 0;
+  const FieldSnapshot listed = io::readPointsPly(file.parent_path() / "points.ply");
+  for (const SurfacePoint& point : known.points) {
+    if (isOpen(point)) continue;
+    if (point.id < listed.points.size() && isOpen(listed.points[point.id])) ++opened;
+    if (asked++ >= 200) continue;
+    const auto answer = damaged.at(point.position_W);
+    if (answer.point && isOpen(*answer.point) && answer.point->position_W == point.position_W) ++opened;
+  }
+  return opened;
+}
 void readReport(const fs::path& file, std::uint64_t) {
   (void)io::writeHtmlReport(file.parent_path() / "report.html", file.parent_path());
 }
@@ -101,7 +117,7 @@ const std::array kReaders = {
     Reader{"positions", [](const fs::path& file, std::uint64_t) { (void)io::readPositions(file); }},
     Reader{"state", readState},
     Reader{"tiles", readTiles},
-    Reader{"field", readField},
+    Reader{"field", readField, openedInField},
     Reader{"report", readReport},
     Reader{"toml", nullptr},  // the program alone reads those
 };
