@@ -25,7 +25,7 @@ class Mutator {
       const std::size_t reach = below(2) == 0 ? std::min<std::size_t>(bytes.size(), 512) : bytes.size();
       if (isText(bytes, reach) && below(3) != 0) {
         changeText(bytes, below(reach));
-      } else {
+      } else if (below(3) != 0 || !changeCount(bytes, below(reach))) {
         changeBytes(bytes, below(reach));
       }
     }
@@ -42,6 +42,22 @@ class Mutator {
       if (c < 9 || (c > 13 && c < 32) || c > 126) return false;
     }
     return true;
+  }
+
+  /// Four bytes that look like a count, a length or an offset: the first from `at` on, if there is one not far away.
+  bool changeCount(std::string& bytes, std::size_t at) {
+    constexpr std::size_t kFar = 400;
+    for (const std::size_t end = std::min(at + kFar, bytes.size()); at + 4 <= end; ++at) {
+      std::uint32_t number = 0;
+      std::memcpy(&number, bytes.data() + at, 4);
+      if (number == 0 || number > (1U << 20) || (number & 0xff) == 0) continue;
+      const std::uint32_t others[] = {number + 1,   number - 1, 2 * number, 16 * number,
+                                      number << 12, 0x7fffffff, ~0U,        0};
+      number = others[below(std::size(others))];
+      std::memcpy(bytes.data() + at, &number, 4);
+      return true;
+    }
+    return false;
   }
 
   void changeBytes(std::string& bytes, std::size_t at) {
