@@ -52,7 +52,7 @@ struct ScanAgreement;
 enum class ScanDrop : std::uint8_t {
   QueueFull,   ///< there was not even time to fuse it: points near its returns are unscored from then on
   NoPose,      ///< no poses around its time within 0.2 s, or a jump between them
-  OutOfOrder,  ///< not later than the scan before it
+  OutOfOrder,  ///< not later than the scan before it, or waiting and over 10 s later than one that came after it
   Unusable,    ///< no time, more returns than LiveOptions::most_returns
   Failed       ///< the step that took it threw
 };
@@ -63,11 +63,12 @@ constexpr const char* name(ScanDrop reason) {
 }
 
 struct LiveOptions {
-  std::size_t queue_scans = 4;                  ///< if more wait, the oldest are only fused
-  std::size_t most_waiting_returns = 16000000;  ///< of all scans that wait, 192 MB: a further scan drops the oldest
-  std::size_t most_poses = 4000;                ///< poses that are remembered: 20 s at 200 Hz
-  std::size_t most_returns = 4000000;           ///< of one scan
-  double max_gap_s = 0.2;                       ///< longest time without poses that is interpolated over, 0.001 .. 10
+  std::size_t queue_scans = 4;  ///< if more wait, the oldest are only fused
+  /// Of all scans that wait (one of less than 100 counts as 100), 192 MB: a further scan drops the oldest.
+  std::size_t most_waiting_returns = 16000000;
+  std::size_t most_poses = 4000;       ///< poses that are remembered: 20 s at 200 Hz
+  std::size_t most_returns = 4000000;  ///< of one scan
+  double max_gap_s = 0.2;              ///< longest time without poses that is interpolated over, 0.001 .. 10
   /// Pose of the sensor in the frame whose poses are given (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.

@@ -43,11 +43,11 @@ for fault in "${faults[@]}"; do
   done) >>"$copy/found" 2>&1 & workers+=($!)
   python3 "$root/tests/campaign/fuzz_program.py" --bin "$bin" --corpus "$copy/corpus" --seconds $((minutes * 60)) \
     --seed "$seed" --workers 1 >>"$copy/found" 2>&1 & workers+=($!)
+  disown -a  # the shell is not to say how they end
   began=$SECONDS
   while ! grep -q '^run ' "$copy/found" && ((SECONDS - began < 60 * minutes)); do sleep 1; done
   took=$((SECONDS - began))
   stop
-  wait 2>/dev/null || true
   if grep -q '^run ' "$copy/found"; then
     echo "$fault: found after $took s: $(grep -m 1 '^run ' "$copy/found" | cut -c1-200)"
   else
