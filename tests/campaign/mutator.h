@@ -25,8 +25,9 @@ class Mutator {
       const std::size_t reach = below(2) == 0 ? std::min<std::size_t>(bytes.size(), 512) : bytes.size();
       if (isText(bytes, reach) && below(3) != 0) {
         changeText(bytes, below(reach));
-      } else if (below(3) != 0 || !changeCount(bytes, below(reach))) {
-        changeBytes(bytes, below(reach));
+      } else {
+        const std::size_t at = below(reach), kind = below(6);
+        if (kind > 2 || !(kind == 0 ? changeChoice(bytes, at) : changeCount(bytes, at))) changeBytes(bytes, at);
       }
     }
     return bytes;
@@ -44,9 +45,17 @@ class Mutator {
     return true;
   }
 
+  /// A byte that looks like one of a few: a label, a type, a reason.
+  bool changeChoice(std::string& bytes, std::size_t at) {
+    const std::size_t end = std::min(at + kFar, bytes.size());
+    while (at < end && (bytes[at] <= 0 || bytes[at] > 3)) ++at;
+    if (at == end) return false;
+    bytes[at] = static_cast<char>(below(4));
+    return true;
+  }
+
   /// Four bytes that look like a count, a length or an offset: the first from `at` on, if there is one not far away.
   bool changeCount(std::string& bytes, std::size_t at) {
-    constexpr std::size_t kFar = 400;
     for (const std::size_t end = std::min(at + kFar, bytes.size()); at + 4 <= end; ++at) {
       std::uint32_t number = 0;
       std::memcpy(&number, bytes.data() + at, 4);
@@ -149,6 +158,7 @@ class Mutator {
     }
   }
 
+  static constexpr std::size_t kFar = 400;
   std::mt19937_64 random_;
 };
 
