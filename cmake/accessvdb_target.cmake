@@ -18,6 +18,8 @@ function(accessvdb_target name)
   if(ACCESSVDB_SANITIZE)
     target_compile_options(${name} PRIVATE -fsanitize=${ACCESSVDB_SANITIZE} -fno-omit-frame-pointer -g1)
     target_link_options(${name} PUBLIC -fsanitize=${ACCESSVDB_SANITIZE})
+    # A third of a program would be relocations of the sanitizer's notes, to be applied at each start.
+    target_link_options(${name} PRIVATE $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:-no-pie>)
   endif()
 endfunction()
 

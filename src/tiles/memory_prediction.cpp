@@ -205,6 +205,7 @@ void MemoryPredictor::add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L
   const Eigen::Vector3d towards = o_L - p_L;
   const double range = towards.norm();
   if (!(range >= std::max(params_.min_range_m, 1e-9) && range <= params_.max_range_m)) return;
+  if (!(p_L.cwiseAbs().maxCoeff() < params_.voxel_size_m * kOffset / 2)) return;  // the map drops it, too
   ++returns_;
   const double v = params_.voxel_size_m, tau = params_.truncation_distance_m, slab = kSlabVoxels * v;
   const Eigen::Vector3d u = towards / range;

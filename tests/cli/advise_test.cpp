@@ -79,6 +79,23 @@ TEST_F(Advise, WritesToStandardOutputAndKeepsWhatWasGiven) {
   EXPECT_NE(config.out.find("every = 2"), std::string::npos) << config.out;
 }
 
+// Damaged numbers. As cells of the survey's grids they would not fit in 64 bits.
+TEST_F(Advise, ReturnsThatNoScannerMeasuresDoNotCount) {
+  std::string near;
+  for (int x = -20; x <= 20; ++x)
+    for (int y = -20; y <= 20; ++y) near += std::to_string(0.1 * x) + " " + std::to_string(0.1 * y) + " 0\n";
+  writeText("near.xyz", near);
+  writeText("far.xyz", near + "1e30 0 0\n0 -3e38 1\n0 0 1e9\n-1e19 1e19 0\n");
+  const auto adviceFor = [&](const std::string& name) {
+    const ProgramResult result = runProgram({"advise", "--scans", path(name), "--sensor-at", "0,0,1"});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    const std::size_t settings = result.out.find("sensor-at = ");
+    return result.out.substr(0, result.out.find("scans = ")) +
+           result.out.substr(settings, result.out.find("# In one piece") - settings);
+  };
+  EXPECT_EQ(adviceFor("far.xyz"), adviceFor("near.xyz"));
+}
+
 TEST_F(Advise, WrongUseIsOneLine) {
   EXPECT_EQ(runProgram({"advise"}).exit_code, 2);
   EXPECT_EQ(runProgram({"advise", "--scans", path("missing")}).exit_code, 3);

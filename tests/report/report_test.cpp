@@ -52,7 +52,7 @@ using Scans = std::vector<std::pair<Eigen::Vector3d, std::vector<Eigen::Vector3d
 /// A sphere around the origin, from six sides.
 Scans scansOfSphere(double radius_m, double range_noise_m) {
   std::mt19937 random(1);
-  std::normal_distribution<double> noise_m(0, range_noise_m);
+  std::normal_distribution<double> gauss;  // its own deviation must not be 0
   Scans scans;
   for (int view = 0; view < 6; ++view) {
     Eigen::Vector3d towards = Eigen::Vector3d::Zero();
@@ -66,8 +66,9 @@ Scans scansOfSphere(double radius_m, double range_noise_m) {
       const Eigen::Vector3d normal(r * std::cos(angle), r * std::sin(angle), z);
       if (normal.dot(towards) <= 0.5) continue;
       const Eigen::Vector3d exact = radius_m * normal;
-      points.push_back(range_noise_m > 0 ? Eigen::Vector3d(exact + noise_m(random) * (exact - sensor).normalized())
-                                         : exact);
+      points.push_back(range_noise_m > 0
+                           ? Eigen::Vector3d(exact + range_noise_m * gauss(random) * (exact - sensor).normalized())
+                           : exact);
     }
     scans.emplace_back(sensor, points);
   }

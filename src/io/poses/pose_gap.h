@@ -22,8 +22,11 @@ inline constexpr double kSameStamp_s = 1e-5;
 /// Stamps are rounded, so gaps are, too: poses at 5 Hz are 0.2 s apart.
 [[nodiscard]] inline bool bridges(double gap_s, double max_gap_s) { return gap_s <= max_gap_s + kSameStamp_s; }
 
+/// Files may hold any number. What is more than a century from 0 is that far: a stamp of a message and an offset add up
+/// without overflow.
 [[nodiscard]] inline std::int64_t nanoseconds(double seconds) {
-  return static_cast<std::int64_t>(std::llround(seconds * 1e9));
+  constexpr double kMost_s = 4e9;
+  return static_cast<std::int64_t>(std::llround(std::clamp(seconds, -kMost_s, kMost_s) * 1e9));
 }
 
 /// "0.2 s"

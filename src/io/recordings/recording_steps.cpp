@@ -116,8 +116,7 @@ void RecordingSteps::usePoseFile(IndexedTopic& cloud, const ScanInputOptions& op
   for (const std::string& frame : cloud.frames) uses_.push_back({.registered = !world_.empty() && frame == world_});
   const auto& poses = file_->poses;
   span_ = std::to_string(poses.size()) + " poses from " +
-          spanText(static_cast<std::int64_t>(poses.front().stamp_s * 1e9),
-                   static_cast<std::int64_t>(poses.back().stamp_s * 1e9));
+          spanText(nanoseconds(poses.front().stamp_s), nanoseconds(poses.back().stamp_s));
   rule_ = "matching: time of a cloud = time stamp of " + file_->subject +
           (uses_.front().registered ? ", clouds are in the fixed frame" : "");
 }
@@ -290,7 +289,9 @@ void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {
   if (cloud_kind_ == bags::MessageKind::LivoxCustom) timed.scale = TimeScale{1e-9, false};
   timed.scans = steps_.size();
   timed.covered = [this](const OffsetRange& range) {
-    const auto ns = [](double offset_s) { return static_cast<std::int64_t>(offset_s * 1e9); };
+    const auto ns = [](double offset_s) {
+      return static_cast<std::int64_t>(std::clamp(offset_s, -kLongestScan_s, kLongestScan_s) * 1e9);
+    };
     return static_cast<std::size_t>(std::count_if(steps_.begin(), steps_.end(), [&](const IndexedCloud& step) {
       return poseAt(step.frame, step.stamp_ns + ns(range.first_s)) &&
              poseAt(step.frame, step.stamp_ns + ns(range.last_s));
@@ -363,7 +364,7 @@ std::optional<RecordingSteps::Posed> RecordingSteps::poseAt(std::uint32_t frame,
 std::optional<Eigen::Isometry3d> RecordingSteps::givenPose(std::size_t step, double shift_s) const {
   const IndexedCloud& cloud = steps_.at(step);
   if (uses_[cloud.frame].registered) return std::nullopt;
-  const auto posed = poseAt(cloud.frame, cloud.stamp_ns + static_cast<std::int64_t>(std::llround(shift_s * 1e9)));
+  const auto posed = poseAt(cloud.frame, cloud.stamp_ns + nanoseconds(shift_s));
   if (!posed) return std::nullopt;
   Eigen::Isometry3d T_W_B = posed->T_W_sensor;
   if (R_L_W_) T_W_B = Eigen::Isometry3d(R_L_W_->transpose()) * T_W_B;

@@ -2,8 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "io/poses/pose_matching.h"
 
+#include <limits>
 #include <numbers>
 
+#include "io/poses/pose_gap.h"
 #include "unit/io/input_fixture.h"
 
 namespace accessvdb::io {
@@ -34,6 +36,16 @@ std::vector<double> placesOf(const MatchResult& match) {
   std::vector<double> places;
   for (const auto& scan : match.scans) places.push_back(scan.T_W_S.translation()[0]);
   return places;
+}
+
+TEST(PoseGap, NanosecondsHoldAnyTime) {
+  EXPECT_EQ(nanoseconds(0.2), 200'000'000);
+  EXPECT_EQ(nanoseconds(-1.5e-9), -2);
+  // Files may hold any number; the sum with a stamp of a message must hold, too.
+  constexpr std::int64_t kMost_ns = 4'000'000'000'000'000'000, kLatestMessage_ns = 4'294'967'295'999'999'999;
+  EXPECT_EQ(nanoseconds(1e30), kMost_ns);
+  EXPECT_EQ(nanoseconds(-1e30), -kMost_ns);
+  EXPECT_LT(nanoseconds(1e30), std::numeric_limits<std::int64_t>::max() - kLatestMessage_ns);
 }
 
 TEST(PoseMatching, FileNamesGiveNumbersOrTimes) {

@@ -13,6 +13,8 @@ namespace {
 
 constexpr std::size_t kMostKept = 3'000'000, kMostKeptRanges = 1'000'000;
 constexpr double kBlock_m = 2;
+/// No LiDAR measures that far: a number in a damaged file does.
+constexpr double kFarthest_m = 1e7;
 /// Planes: points for a fit that means something, how much wider than thick, and how many of them.
 constexpr std::size_t kPlanePoints = 15, kLeastPlanes = 10;
 constexpr double kWiderThanThick = 3;
@@ -63,8 +65,9 @@ void CloudSurvey::keep(const Return& one) {
 void CloudSurvey::add(const io::ScanRecord& record) {
   const auto addReturn = [this](const Eigen::Vector3d& sensor_W, const Eigen::Vector3d& p_W) {
     const double range_m = (p_W - sensor_W).norm();
-    if (!(range_m > 0) || !std::isfinite(range_m)) return;
+    if (!(range_m > 0 && range_m <= kFarthest_m)) return;
     if (!origin_W_) origin_W_ = sensor_W;
+    if (!((p_W - *origin_W_).norm() <= kFarthest_m)) return;
     ++returns_;
     extent_W_.extend(p_W);
     if (ranges_m_.size() < kMostKeptRanges) ranges_m_.push_back(static_cast<float>(range_m));

@@ -201,7 +201,8 @@ class TileChoice {
     const double voxel_m = params_.tsdf.voxel_size_m;
     std::map<std::pair<std::int64_t, std::int64_t>, std::vector<std::uint32_t>> rays_of;
     const auto tileOf = [&](double x_m, std::int32_t shift) {
-      return static_cast<std::int64_t>(std::floor((x_m / voxel_m + shift) / edge));
+      constexpr double kMostVoxels = 1e12;  // far beyond what a map holds
+      return static_cast<std::int64_t>(std::floor(std::clamp(x_m / voxel_m + shift, -kMostVoxels, kMostVoxels) / edge));
     };
     const std::int32_t margin = margins_.returns_voxels;
     for (std::uint32_t n = 0; n < sample_.rays().size(); ++n) {
