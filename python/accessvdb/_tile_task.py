@@ -1,9 +1,11 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""What a Dask worker does for accessvdb.tiles: one tile, by one process `accessvdb tile run`.
+"""What a Dask worker does for accessvdb.tiles: one tile, by the process `accessvdb tile run --worker` of its slot.
 
 A process of its own, because one that runs out of memory or loses its GPU must not take the worker and its other tiles
-along. This file travels to the workers by value and imports nothing of the package: a worker needs Dask and the program.
+along. It goes on to the next tile after one that was finished, because starting it, most of all with a GPU, costs more
+than many tiles do; after any other ending the next tile gets a new one. This file travels to the workers by value and
+imports nothing of the package: a worker needs Dask and the program.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import subprocess
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Optional, TypedDict
+from typing import Any, Dict, List, Optional, Tuple, TypedDict
 
 _POLL_S = 0.1  # how often a process is looked at: at 1 GB/s its memory grows by a tenth of a gigabyte
 _UNWANTED_POLL_S = 0.5
@@ -29,6 +31,7 @@ _TAIL_BYTES = 8192
 class Request(TypedDict):
     """What a worker is asked to do."""
 
+    run: str  # of the driver; a process serves one run, which has one plan
     out: str
     tile: str
     program: str  # where the driver found it; another host may have it elsewhere
@@ -47,7 +50,7 @@ class Outcome(TypedDict):
     error: Dict[str, Any]  # the program's error: id, subject, problem, advice; empty without one
     tail: str  # last line of stderr
     tiles: List[Dict[str, Any]]  # manifests of the finished tile, or of its quarters
-    peak_bytes: int  # resident memory, last known
+    peak_bytes: int  # resident memory during this tile, last known
     limit_bytes: int
     stalled: bool
     host: str
@@ -102,6 +105,14 @@ def manifests(out: str, tile: str) -> List[Dict[str, Any]]:
     return [manifest for digit in "0123" for manifest in manifests(out, first + digit)]
 
 
+def _forget_peak(pid: int) -> None:
+    """From here on _peak_bytes() is that of the next tile."""
+    try:
+        Path(f"/proc/{pid}/clear_refs").write_text("5")
+    except OSError:  # not in every container; then it is that of the largest tile so far
+        pass
+
+
 def _peak_bytes(pid: int) -> int:
     """Of the process alone. What wait4() counts includes the memory of this worker, from before the exec."""
     try:
@@ -136,6 +147,13 @@ class _Task:
     def slot(self) -> str:
         return f"{self._worker.address}/{threading.get_ident()}"
 
+    def waiting(self) -> Dict[int, Tuple[str, Any]]:
+        """The processes that wait for a tile, by the thread of their slot, each with the run that it is of. They are
+        kept with the worker, because this module is a new one in each task."""
+        if not hasattr(self._worker, "accessvdb_waiting"):
+            self._worker.accessvdb_waiting = {}
+        return self._worker.accessvdb_waiting  # type: ignore[no-any-return]
+
     def unwanted(self) -> bool:
         """Whether the task was cancelled, the driver died, or the worker is closing. Dask cannot stop a thread."""
         try:
@@ -148,31 +166,58 @@ class _Task:
 
 
 class _Child:
-    """One process `accessvdb tile run`. It ends when this end of its standard input closes, whatever closes it."""
+    """One process `accessvdb tile run --worker`. It ends when this end of its standard input closes, whatever closes it,
+    and by itself if no tile comes for some seconds."""
 
     def __init__(self, command: List[str], environment: Dict[str, str]) -> None:
         # A session of its own: Ctrl-C in the driver's terminal is for the driver to handle.
         self.process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=environment,
             start_new_session=True,
         )
-        self.stderr = b""
+        assert self.process.stdin is not None and self.process.stdout is not None and self.process.stderr is not None
+        self._stdin, self._stdout, self._stderr = self.process.stdin, self.process.stdout, self.process.stderr
+        self._open = [self._stdout.fileno(), self._stderr.fileno()]
+        self.stdout = self.stderr = b""
         self.peak_bytes = 0
         self.stalled = False
         self._kill_at = float("inf")
         self._ticks = -1
-        self._ticks_at = time.monotonic()
+        self._ticks_at = 0.0
 
-    def wait(self, stall_s: float, task: _Task) -> int:
-        assert self.process.stderr is not None
-        pipe: Optional[int] = self.process.stderr.fileno()
+    def run(self, tile: str, stall_s: float, task: _Task) -> Optional[int]:
+        """@return 0: finished, and the process waits for the next; else its exit code; None: it had ended before"""
+        self.stdout = self.stderr = b""
+        self.peak_bytes, self._ticks, self._ticks_at = 0, -1, time.monotonic()
+        _forget_peak(self.process.pid)
+        try:
+            self._stdin.write(f"{tile}\n".encode())
+            self._stdin.flush()
+        except OSError:
+            self._wait(stall_s, task)  # what it has said on stderr is not lost
+            return None
+        self._wait(stall_s, task, tile)
+        if self._finished(tile):
+            return 0
+        code = int(self.process.returncode)
+        # One that has waited for long may end at the very moment at which it is asked.
+        return None if code == 0 and not self.stdout and not self.stderr else code
+
+    def _finished(self, tile: str) -> bool:
+        return tile in self.stdout.decode(errors="replace").splitlines()
+
+    def _wait(self, stall_s: float, task: _Task, tile: str = "") -> None:
+        """Until the tile is finished or the process has ended."""
         unwanted_at = time.monotonic() + _UNWANTED_POLL_S
         while self.process.poll() is None:
-            pipe = self._read(pipe)
+            self._read(_POLL_S)
+            if tile and self._finished(tile):
+                self.peak_bytes = max(self.peak_bytes, _peak_bytes(self.process.pid))
+                return
             self.peak_bytes = max(self.peak_bytes, _peak_bytes(self.process.pid))
             now = time.monotonic()
             if now >= unwanted_at and self._kill_at == float("inf"):
@@ -182,24 +227,27 @@ class _Child:
             self._end_if_stalled(now, stall_s)
             if now >= self._kill_at:
                 self.process.kill()
-        while pipe is not None and select.select([pipe], [], [], 0)[0]:
-            pipe = self._read(pipe)
-        self._close()
-        return int(self.process.returncode)
+        while self._read(0):
+            pass
 
-    def _read(self, pipe: Optional[int]) -> Optional[int]:
-        """Waits for stderr or a short time. @return the pipe, or None once it has ended: mostly with the process"""
-        if pipe is None:
+    def _read(self, seconds: float) -> bool:
+        """What has come on stdout and stderr, after a short wait. @return False if nothing has, or both have ended"""
+        if not self._open:
             try:
-                self.process.wait(_POLL_S)
+                self.process.wait(seconds)
             except subprocess.TimeoutExpired:
                 pass
-            return None
-        if not select.select([pipe], [], [], _POLL_S)[0]:
-            return pipe
-        chunk = os.read(pipe, 65536)
-        self.stderr = (self.stderr + chunk)[-_TAIL_BYTES:]
-        return pipe if chunk else None
+            return False
+        ready = select.select(self._open, [], [], seconds)[0]
+        for pipe in ready:
+            chunk = os.read(pipe, 65536)
+            if not chunk:
+                self._open.remove(pipe)
+            elif pipe == self._stderr.fileno():
+                self.stderr = (self.stderr + chunk)[-_TAIL_BYTES:]
+            else:
+                self.stdout = (self.stdout + chunk)[-_TAIL_BYTES:]
+        return bool(ready)
 
     def _end_if_stalled(self, now: float, stall_s: float) -> None:
         ticks = _processor_ticks(self.process.pid)
@@ -210,14 +258,20 @@ class _Child:
             self.process.kill()
 
     def _stop(self) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.close()
+        self._stdin.close()
         self._kill_at = time.monotonic() + _STOP_S
 
-    def _close(self) -> None:
-        for pipe in (self.process.stdin, self.process.stderr):
-            if pipe is not None:
+    def close(self) -> None:
+        """Ends it, if it has not ended: soon, because it only waits."""
+        for pipe in (self._stdin, self._stdout, self._stderr):
+            try:
                 pipe.close()
+            except OSError:  # a line that it did not take
+                pass
+        try:
+            self.process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
 
 
 def _error_in(stderr: str) -> Dict[str, Any]:
@@ -232,8 +286,8 @@ def _error_in(stderr: str) -> Dict[str, Any]:
 
 
 def _command(program: str, request: Request) -> List[str]:
-    command = [program, "tile", "run", request["out"], "--tile", request["tile"], "--error-format", "json"]
-    command += ["--stop-with-stdin", "--threads", str(request["threads"])]
+    command = [program, "tile", "run", request["out"], "--worker", "--error-format", "json"]
+    command += ["--threads", str(request["threads"])]
     if request["max_memory"]:
         command += ["--max-memory", request["max_memory"]]
     if request["device"]:
@@ -241,8 +295,42 @@ def _command(program: str, request: Request) -> List[str]:
     return command
 
 
+def _run(request: Request, outcome: Outcome, task: _Task, program: str) -> None:
+    """Fills in how the tile ended, and keeps the process if it can go on."""
+    environment = dict(os.environ)
+    if task.worker in request["gpu_of_worker"]:
+        environment["CUDA_VISIBLE_DEVICES"] = request["gpu_of_worker"][task.worker]
+    waiting, slot = task.waiting(), threading.get_ident()
+    run, child = waiting.pop(slot, ("", None))
+    code = None
+    if child is not None and run == request["run"]:
+        code = child.run(request["tile"], request["stall_s"], task)
+    if code is None:
+        if child is not None:
+            child.close()
+        try:
+            child = _Child(_command(program, request), environment)
+        except OSError as error:
+            outcome["tail"] = f"{program} on {outcome['host']}: {error.strerror}"
+            return
+        code = child.run(request["tile"], request["stall_s"], task)
+    stderr = child.stderr.decode(errors="replace")
+    outcome["code"] = int(child.process.returncode) if code is None else code
+    outcome["error"] = _error_in(stderr)
+    outcome["tail"] = (stderr.strip().splitlines() or [""])[-1][:400]
+    outcome["peak_bytes"] = child.peak_bytes
+    outcome["stalled"] = child.stalled
+    if outcome["code"] == 0:
+        outcome["tiles"] = manifests(request["out"], request["tile"])
+    if child.process.poll() is None:
+        waiting[slot] = (request["run"], child)
+    else:
+        child.close()
+    outcome["ended"] = time.time()
+
+
 def run_tile(request: Request) -> Outcome:
-    """Runs one tile in a process of its own. Whatever goes wrong is part of the result."""
+    """Runs one tile in a process that serves only this slot. Whatever goes wrong is part of the result."""
     task = _Task()
     outcome: Outcome = {
         "tile": request["tile"],
@@ -261,22 +349,6 @@ def run_tile(request: Request) -> Outcome:
     program = find_program(request["program"])
     if program is None:
         outcome["tail"] = f"the program accessvdb is not on {outcome['host']}"
-        return outcome
-    environment = dict(os.environ)
-    if task.worker in request["gpu_of_worker"]:
-        environment["CUDA_VISIBLE_DEVICES"] = request["gpu_of_worker"][task.worker]
-    try:
-        child = _Child(_command(program, request), environment)
-    except OSError as error:
-        outcome["tail"] = f"{program} on {outcome['host']}: {error.strerror}"
-        return outcome
-    outcome["code"] = child.wait(request["stall_s"], task)
-    stderr = child.stderr.decode(errors="replace")
-    outcome["error"] = _error_in(stderr)
-    outcome["tail"] = (stderr.strip().splitlines() or [""])[-1][:400]
-    outcome["peak_bytes"] = child.peak_bytes
-    outcome["stalled"] = child.stalled
-    if outcome["code"] == 0:
-        outcome["tiles"] = manifests(request["out"], request["tile"])
-    outcome["ended"] = time.time()
+    else:
+        _run(request, outcome, task, program)
     return outcome

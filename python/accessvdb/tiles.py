@@ -255,6 +255,7 @@ def _shares(options: RunOptions) -> Tuple[int, Request]:
     else:
         threads, memory = max(1, cores // slots), str(int(0.9 * _tile_task.available_bytes() / slots))
     request: Request = {
+        "run": uuid.uuid4().hex,
         "out": options.out,
         "tile": "",
         "program": program_here(),

@@ -272,25 +272,73 @@ TEST_F(TileRefusal, StoppedInTheMiddleAndGoingOn) {
   expectNoLeftovers();
 }
 
-TEST_F(TileRefusal, AChildStopsWithItsParent) {
+/// Standard input of the programs that are run: a pipe that the test writes.
+class StandardInput {
+ public:
+  StandardInput() : own_(dup(STDIN_FILENO)) {
+    int ends[2];
+    if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("no pipe");
+    dup2(ends[0], STDIN_FILENO);
+    ::close(ends[0]);
+    write_ = ends[1];
+  }
+  ~StandardInput() {
+    close();
+    dup2(own_, STDIN_FILENO);
+    ::close(own_);
+  }
+  StandardInput(const StandardInput&) = delete;
+  StandardInput& operator=(const StandardInput&) = delete;
+  void write(const std::string& text) const {
+    EXPECT_EQ(::write(write_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
+  }
+  void close() {
+    if (write_ >= 0) ::close(write_);
+    write_ = -1;
+  }
+
+ private:
+  int own_, write_ = -1;
+};
+
+TEST_F(TileRefusal, AWorkerStopsWithItsParent) {
   planAndBin();
-  int input[2];
-  ASSERT_EQ(pipe2(input, O_CLOEXEC), 0);
-  const int own_input = dup(STDIN_FILENO);
-  dup2(input[0], STDIN_FILENO);
-  close(input[0]);
-  cli_test::ProgramSetup child;
-  child.arguments = step("run", {"--stop-with-stdin", "--threads", "1"});
-  child.signal_after = ": tile ";
-  child.act = [&](pid_t) { close(input[1]); };
-  const ProgramResult result = runProgram(child);
-  dup2(own_input, STDIN_FILENO);
-  close(own_input);
+  const std::string names = runProgram(step("list")).out;
+  StandardInput input;
+  input.write(names);
+  cli_test::ProgramSetup worker;
+  worker.arguments = step("run", {"--worker", "--threads", "1"});
+  worker.signal_after = ": tile ";
+  worker.act = [&](pid_t) { input.close(); };
+  const ProgramResult result = runProgram(worker);
   EXPECT_EQ(result.exit_code, 143) << result.err;
   EXPECT_TRUE(has(runProgram(step("status")).out, "next: accessvdb tile run"));
   succeed(step("run"));
   expectOnePiece();
   expectNoLeftovers();
+}
+
+TEST_F(TileRefusal, AWorkerMapsWhatItIsGivenAndEndsWhenNothingComes) {
+  planAndBin();
+  const std::string names = runProgram(step("list")).out;
+  StandardInput input;
+  input.write(names);
+  const ProgramResult result = runProgram(step("run", {"--worker"}));
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(result.out, names);
+  EXPECT_TRUE(has(runProgram(step("status")).out, "next: accessvdb tile merge"));
+  expectOnePiece();
+}
+
+TEST_F(TileRefusal, AWorkerEndsWithATileThatFails) {
+  planAndBin();
+  const std::string names = runProgram(step("list")).out;
+  StandardInput input;
+  input.write(names.substr(0, names.find('\n') + 1) + "1000_1000\n" + names);
+  const ProgramResult result = runProgram(step("run", {"--worker"}));
+  EXPECT_EQ(result.exit_code, 2) << result.err;
+  EXPECT_EQ(result.out, names.substr(0, names.find('\n') + 1));
+  refuse(step("run", {"--worker", "--tile", "0_0"}), 2, "usage.conflict");
 }
 
 TEST_F(TileRefusal, TwoDriversOfOneFolder) {

@@ -59,7 +59,13 @@ def finish(out, tile):
 
 
 def run(out, arguments):
-    tile = arguments[arguments.index("--tile") + 1]
+    assert "--worker" in arguments, arguments
+    for line in iter(sys.stdin.readline, ""):
+        run_tile(out, line.strip(), arguments)
+        print(line.strip(), flush=True)
+
+
+def run_tile(out, tile, arguments):
     folder = out / "attempts" / tile
     folder.mkdir(parents=True, exist_ok=True)
     attempt = len(list(folder.iterdir()))
@@ -89,9 +95,13 @@ def run(out, arguments):
         time.sleep(0.2)
     if word == "sleep":
         time.sleep(float(values[0]))
-    if word != "nothing":
-        finish(out, tile)
+    if word == "nothing":
+        sys.exit(0)
+    finish(out, tile)
     log(out, {"step": "end", "tile": tile, "gpu": gpu, "at": time.time()})
+    if word == "leave":  # as one that has waited too long, just when it is given its next tile
+        print(tile, flush=True)
+        sys.exit(0)
 
 
 def main():

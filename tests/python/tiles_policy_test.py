@@ -109,7 +109,7 @@ class Tiles(unittest.TestCase):
         for entry in self.log("run"):
             arguments = entry["arguments"]
             self.assertEqual(arguments[arguments.index("--max-memory") + 1], "40M", "quarters have the limit of the whole")
-            self.assertIn("--stop-with-stdin", arguments)
+            self.assertIn("--worker", arguments)
             self.assertIsNone(entry["gpu"])
         # Another run has nothing left to do.
         self.run_all(script, 0)
@@ -213,6 +213,24 @@ class Tiles(unittest.TestCase):
         self.assertEqual(Grid(512, 30).quarters("-3_2.3"), ["-3_2.30", "-3_2.31", "-3_2.32", "-3_2.33"])
         self.assertEqual(Grid(512, 30).quarters("-3_2.31"), [])  # 64 voxels
         self.assertEqual(Grid(512, 65).quarters("-3_2.3"), [])  # 128 voxels, less than two margins
+
+    def test_a_process_goes_on_until_a_tile_fails(self):
+        names = [f"{n}_0" for n in range(12)]
+        script = {**{name: ["ok"] for name in names}, "9_9": ["kill 11", "ok"]}
+        self.finish(self.start(script, "--workers", "2"), 0)
+        runs = self.log("run")
+        crashed = [entry["pid"] for entry in runs if entry["tile"] == "9_9"][0]
+        self.assertEqual(len({entry["pid"] for entry in runs}), 3)  # one for each slot, and one in place of the crashed one
+        self.assertEqual(max(n for n, entry in enumerate(runs) if entry["pid"] == crashed),
+                         [n for n, entry in enumerate(runs) if entry["tile"] == "9_9"][0])  # fmt: skip
+        until(lambda: not any(alive(entry["pid"]) for entry in runs), "the end of all")
+
+    def test_a_process_that_leaves_costs_no_tile(self):
+        names = [f"{n}_0" for n in range(5)]
+        self.finish(self.start({name: ["leave"] for name in names}, "--workers", "1"), 0)
+        self.assertEqual(self.attempts(), {name: 1 for name in names})
+        self.assertNotIn("retried", self.stderr)
+        self.assertEqual(len({entry["pid"] for entry in self.log("run")}), 5)
 
     def test_a_stopped_process_is_run_again(self):
         self.run_all({"0_0": ["kill 19", "ok"], "1_0": ["ok"]}, 0, "--stall-timeout", "1")

@@ -1,14 +1,11 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb tile: a map in tiles step by step, so that many processes or machines can share the work.
-#include <unistd.h>
-
 #include <algorithm>
-#include <csignal>
+#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <random>
-#include <thread>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -23,6 +20,7 @@
 #include "runs/agreement_check.h"
 #include "runs/memory_check.h"
 #include "runs/tile_job.h"
+#include "runs/tile_requests.h"
 #include "runs/tiled_map.h"
 #include "verbs/verbs.h"
 
@@ -36,7 +34,7 @@ struct StepOptions {
   MapOptions map;  ///< out, device, threads, max_memory
   std::vector<std::string> tiles;
   std::string points, vdb;
-  bool todo = false, stop_with_stdin = false, keep_rays = false, partial = false;
+  bool todo = false, worker = false, keep_rays = false, partial = false;
 };
 
 /// OUT and the common flags. @return false if --help was given and printed
@@ -68,14 +66,16 @@ Paths inputsOf(const tiles::Plan& plan) {
   return inputs;
 }
 
-/// A parent that dies closes our standard input, whatever kills it.
-void stopWithStandardInput() {
-  std::thread([] {
-    char byte = 0;
-    while (::read(STDIN_FILENO, &byte, 1) > 0) {
-    }
-    ::kill(::getpid(), SIGTERM);
-  }).detach();
+constexpr std::chrono::seconds kIdle{10};  ///< docs/large_maps.md says it
+
+/// Tiles that a parent names; each name is printed when its tile is finished. A tile that fails ends the process.
+void runForParent(const TileWork& work, Messages& messages) {
+  TileRequests requests;
+  while (const auto name = requests.next(kIdle)) {
+    runWithProgress(work, {tiles::TileId::parse(*name)}, messages);
+    if (stopSignal() != 0) return;
+    printData(*name + "\n");
+  }
 }
 
 int planTiles(const Arguments& arguments, Messages& messages) {
@@ -146,18 +146,27 @@ int runTiles(const Arguments& arguments, Messages& messages) {
                  "accessvdb tile run out/ --tile 3_-2 --max-memory 4G");
   flags.list("--tile", options.tiles, "name of a tile, as accessvdb tile list prints it; may be repeated");
   flags.option("--max-memory", &options.map.max_memory, "limit on memory; a tile that needs more is run as quarters");
-  flags.flag("--stop-with-stdin", options.stop_with_stdin, "stop when standard input ends, for a parent process");
+  flags.flag("--worker", options.worker,
+             "run the tiles that standard input names, a line each, and print each name when it is done; end with it");
   if (!parseStep(flags, options, arguments, messages)) return 0;
+  if (options.worker && !options.tiles.empty()) {
+    throw InvalidArgument("usage.conflict", "--worker", "runs the tiles that standard input names, not those of --tile",
+                          "Leave one out");
+  }
   std::vector<tiles::TileId> wanted;
   for (const std::string& name : options.tiles) wanted.push_back(tiles::TileId::parse(name));
   watchStopSignals();
-  if (options.stop_with_stdin) stopWithStandardInput();
   const OpenJob open = openJob(options.map.out, options.map);
   requireNoInputsInTiles(open.job.out, inputsOf(open.job.plan));
   const tiles::Binned rays = raysOf(open.job);
-  if (wanted.empty()) wanted = tiles::status(open.job.out, open.job.plan, rays).todo;
   const tiles::RunLimits limits = {memoryLimit(options.map).value_or(0), writeOptions(open.options.exported)};
-  runWithProgress({open.job, rays, limits}, wanted, messages);
+  const TileWork work = {open.job, rays, limits};
+  if (options.worker) {
+    runForParent(work, messages);
+  } else {
+    if (wanted.empty()) wanted = tiles::status(open.job.out, open.job.plan, rays).todo;
+    runWithProgress(work, wanted, messages);
+  }
   return stopSignal() == 0 ? 0 : 128 + stopSignal();
 }
 
