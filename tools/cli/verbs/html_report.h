@@ -11,9 +11,6 @@
 
 namespace accessvdb::tools {
 
-/// Name of the page that `map --html` leaves beside report.json.
-inline constexpr const char* kPageFile = "report.html";
-
 struct PageSources {
   std::filesystem::path html, folder;
   const ToolGeometry* tool = nullptr;  ///< to be drawn

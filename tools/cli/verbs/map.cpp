@@ -8,7 +8,6 @@
 #include <functional>
 #include <limits>
 #include <set>
-#include <sstream>
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
@@ -28,6 +27,8 @@
 #include "runs/agreement_check.h"
 #include "runs/checkpoint.h"
 #include "runs/gpu_fallback.h"
+#include "runs/map_outputs.h"
+#include "runs/map_parameters.h"
 #include "runs/memory_check.h"
 #include "runs/plausibility.h"
 #include "runs/scan_stamps.h"
@@ -42,8 +43,6 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply", "preview.png", "report.json"};
-
 double millisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
@@ -52,7 +51,11 @@ double millisecondsSince(Clock::time_point start) {
 class MapRun {
  public:
   MapRun(const MapOptions& options, PlanSettings settings, Messages& messages)
-      : options_(options), settings_(std::move(settings)), messages_(messages), checkpoints_(options, messages) {}
+      : options_(options),
+        settings_(std::move(settings)),
+        messages_(messages),
+        outputs_(options),
+        checkpoints_(options, messages) {}
 
   /// @return 0, or 128 + the signal that stopped it
   int run();
@@ -60,16 +63,13 @@ class MapRun {
   void reportFailure(const Failure& failure);
 
  private:
-  void claimOutputFolder();
-  [[nodiscard]] Paths outputs() const;
-  void clearOutputFolder(const Paths& inputs);
   void hashInput(const fs::path& path);
-  void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
   int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
   int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
   std::size_t readResumed(io::ScanSequence& scans);
   [[nodiscard]] RunProgress progress(const io::ScanSequence& scans) const;
+  void countLeftOut(const io::ScanRecord& record);
   void integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field);
   void update(AccessibilityField& field);
   bool removeRegions(AccessibilityField& field);
@@ -81,6 +81,7 @@ class MapRun {
   const MapOptions& options_;
   PlanSettings settings_;
   Messages& messages_;
+  MapOutputs outputs_;
   Checkpoints checkpoints_;
   RunProgress earlier_;  // scans that earlier runs added, before these ones
   std::vector<io::InputFile> pose_inputs_;
@@ -90,92 +91,22 @@ class MapRun {
   std::set<std::string> hashed_;
   std::uint64_t truncated_points_ = 0, excluded_points_ = 0, unposed_points_ = 0, posed_noise_points_ = 0;
   std::uint64_t frames_ = 0;  // frames of the sequence written
-  bool refused_ = false;      // existing outputs must stay
   bool written_ = false;      // the field including its labels
   Clock::time_point start_ = Clock::now();
 };
-
-void MapRun::claimOutputFolder() {
-  const fs::path out = options_.out;
-  if (options_.no_clobber) {
-    std::vector<std::string> outputs(std::begin(kOutputs), std::end(kOutputs));
-    if (options_.exported.points_format == "las") outputs.emplace_back("points.las");
-    if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
-    if (options_.html) outputs.emplace_back(kPageFile);
-    if (options_.fresh) outputs.emplace_back("plan.json");
-    for (const std::string& file : outputs) {
-      if (!io::isTaken(out / file, ErrorCode::Output)) continue;
-      refused_ = true;
-      throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
-                        "Choose another --out folder");
-    }
-  }
-  requireNoInputs(outputs(), namedInputs(options_));
-  if (options_.tiles == "off" && !options_.fresh && tiles::hasPlan(out)) {
-    refused_ = true;
-    throw UnusableInput("plan.changed", out.string(), "holds tiles of another run",
-                        "Use another folder, or --fresh to delete them");
-  }
-  io::prepareOutputFolder(out);
-}
-
-Paths MapRun::outputs() const {
-  std::vector<std::string> names(std::begin(kOutputs), std::end(kOutputs));
-  if (options_.exported.points_format == "las") names.emplace_back("points.las");
-  if (options_.html) names.emplace_back(kPageFile);
-  std::error_code error;
-  if (options_.exported.sequence > 0) {  // some of these will be frames
-    for (const auto& entry : fs::directory_iterator(options_.out, error)) {
-      const std::string name = entry.path().filename().string();
-      if (name != "field_points.vdb" && name.starts_with("field_") && name.ends_with(".vdb")) names.push_back(name);
-    }
-  }
-  return inFolder(options_.out, names);
-}
-
-/// Checks all outputs once it is known which files are read; then --fresh.
-void MapRun::clearOutputFolder(const Paths& inputs) {
-  const fs::path out = options_.out;
-  requireNoInputs(outputs(), inputs);
-  requireOwn(outputs());
-  if (!options_.fresh) return;
-  requireNoInputsInTiles(out, inputs);
-  tiles::removePlan(out);
-}
 
 void MapRun::hashInput(const fs::path& path) {
   if (!io::isFile(path) || !hashed_.insert(path.string()).second) return;
   report_.inputs.push_back({path.string(), io::sha256OfFile(path)});
 }
 
-/// @param tools  none: they are not read yet
-void MapRun::setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools) {
-  report_.parameters = {{"scans", options_.scans},
-                        {"poses", options_.poses},
-                        {"pose_format", options_.pose_format},
-                        {"tool", valuesInWords(options_.tool.tool)},
-                        {"tool_unit", valuesInWords(options_.tool.unit)},
-                        {"tool_tip", valuesInWords(options_.tool.tip)},
-                        {"tool_axis", valuesInWords(options_.tool.axis)},
-                        {"tool_up", valuesInWords(options_.tool.up)},
-                        {"profile", options_.profile},
-                        {"every", std::to_string(options_.every)},
-                        {"update_every", std::to_string(options_.update_every)},
-                        {"mirror_distance", options_.mirror_distance ? "true" : "false"},
-                        {"half", options_.exported.half ? "true" : "false"},
-                        {"compression", options_.exported.compression},
-                        {"up_axis", options_.exported.up_axis},
-                        {"points_format", options_.exported.points_format},
-                        {"surface", options_.exported.surface ? "true" : "false"},
-                        {"sequence", std::to_string(options_.exported.sequence)}};
-  for (const auto& given : givenSurveyOptions(options_.survey)) report_.parameters.push_back(given);
-  for (const auto& given : givenRecordingOptions(options_.recording)) report_.parameters.push_back(given);
-  for (const auto& given : givenSensorOptions(options_.sensor)) report_.parameters.push_back(given);
-  std::istringstream lines(tools.empty() ? params.describe() : describeTools(tools, params));
-  for (std::string line; std::getline(lines, line);) {
-    const auto space = line.find(' ');
-    if (space != std::string::npos) report_.parameters.emplace_back(line.substr(0, space), line.substr(space + 1));
-  }
+/// What its reader left out of a scan.
+void MapRun::countLeftOut(const io::ScanRecord& record) {
+  truncated_points_ += record.truncated_points;
+  excluded_points_ += record.excluded_points;
+  unposed_points_ += record.unposed_points;
+  report_.noise_points += record.noise_points;
+  if (record.points_W.empty()) posed_noise_points_ += record.noise_points;
 }
 
 void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
@@ -191,11 +122,7 @@ void MapRun::integrate(const io::ScanRecord& record, double stamp_s, Accessibili
     report_.distance_leaves.add(static_cast<double>(stats.distance_leaves));
     report_.distance_mirror_bytes.add(static_cast<double>(stats.distance_mirror_bytes));
   }
-  truncated_points_ += record.truncated_points;
-  excluded_points_ += record.excluded_points;
-  unposed_points_ += record.unposed_points;
-  report_.noise_points += record.noise_points;
-  if (record.points_W.empty()) posed_noise_points_ += record.noise_points;
+  countLeftOut(record);
   ++report_.scans;
 }
 
@@ -293,11 +220,7 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
     for (std::size_t step = 0; step < first && stopSignal() == 0; ++step) {
       const io::ScanRecord record = scans.read(step);
       scene_.add(record);
-      truncated_points_ += record.truncated_points;
-      excluded_points_ += record.excluded_points;
-      unposed_points_ += record.unposed_points;
-      report_.noise_points += record.noise_points;
-      if (record.points_W.empty()) posed_noise_points_ += record.noise_points;
+      countLeftOut(record);
       hashInput(record.path);
     }
     if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
@@ -390,9 +313,9 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
 
 int MapRun::run() {
   checkMapOptions(options_);
-  setParameters(fieldParams(options_));
+  report_.parameters = reportedParameters(options_, fieldParams(options_));
   if (wantedTile_m(options_) > 0) requireTilesPossible(options_, fieldParams(options_));
-  claimOutputFolder();
+  outputs_.claim();
   checkpoints_.prepare();
   watchStopSignals();
 
@@ -409,14 +332,14 @@ int MapRun::run() {
   }
   hashInput(options_.common.config);
   first_scan_input_ = report_.inputs.size();
-  clearOutputFolder(inputsWith(options_, scans));
+  outputs_.clear(inputsWith(options_, scans));
   sayAboutScans(scans, messages_);
   if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   FieldParams of_field = params;  // a plan has them as they were given
   of_field.approach.rolls = rollsOf(tools.front().tool, params.approach);
-  setParameters(of_field, tools);
+  report_.parameters = reportedParameters(options_, of_field, tools);
   sayChangeNotes(params, messages_);
   requireStamps(options_, params, scans, messages_);
   report_.agreement = checkAgreement(options_, params.tsdf.range_noise_m, scans, messages_);
@@ -500,7 +423,8 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
 void MapRun::reportFailure(const Failure& failure) {
   // The folder stays as it was, without a report.
   if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
-  if (!options_.out.empty() && !refused_) writeFailure(options_.out, options_.no_clobber, report_, failure, messages_);
+  if (!options_.out.empty() && !outputs_.refused())
+    writeFailure(options_.out, options_.no_clobber, report_, failure, messages_);
 }
 
 }  // namespace
