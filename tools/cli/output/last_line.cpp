@@ -23,6 +23,7 @@ bool json_lines = false;
 /// cause.
 std::atomic<bool> memory_was_refused = false;
 std::atomic_flag ending = ATOMIC_FLAG_INIT;
+volatile sig_atomic_t last_exit_code = 70;
 
 /// Escapes what would end the line or a string of JSON.
 class Line {
@@ -47,12 +48,24 @@ class Line {
   std::size_t size_ = 0;
 };
 
+/// Ends the program if its last words take longer: they may wait for a lock that this thread held when it crashed.
+void endSoon(int exit_code) {
+  constexpr unsigned kMost_s = 2;
+  last_exit_code = exit_code;
+  ::signal(SIGALRM, [](int) { ::_exit(last_exit_code); });
+  sigset_t alarms;
+  ::sigemptyset(&alarms);
+  ::sigaddset(&alarms, SIGALRM);
+  ::pthread_sigmask(SIG_UNBLOCK, &alarms, nullptr);
+  ::alarm(kMost_s);
+}
+
 [[noreturn]] void endWith(int exit_code, const char* id, const char* subject, const char* problem, const char* advice) {
   if (::getpid() != own_process) ::_exit(exit_code);  // a child; its parent says what happened
   if (ending.test_and_set()) {
-    for (;;) ::pause();  // another thread is ending the program
+    for (;;) ::pause();  // another thread is ending the program, or this one crashed again while it did
   }
-  io::removeUnfinishedFiles();
+  endSoon(exit_code);
   char code[16];
   std::snprintf(code, sizeof code, "%d", exit_code);
   Line line;
@@ -67,7 +80,8 @@ class Line {
   line.add(json_lines ? "\",\"advice\":\"" : ". ");
   line.add(advice);
   line.add(json_lines ? "\"}" : ".");
-  line.print();
+  line.print();  // first: what follows needs memory and locks, which may be what is broken
+  io::removeUnfinishedFiles();
   ::_exit(exit_code);
 }
 
