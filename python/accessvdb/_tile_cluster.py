@@ -140,4 +140,9 @@ def _embedded(distributed: Any, options: ClusterOptions, say: Callable[[str], No
         with cluster, distributed.Client(cluster, set_as_default=False) as client:
             if host:
                 say(f"workers can join at {cluster.scheduler_address}; whoever reaches this port can run code here")
-            yield Cluster(client, f"{options.slots} at a time")
+            try:
+                yield Cluster(client, f"{options.slots} at a time")
+            finally:  # what waits for another tile must not hold memory and GPU while they are merged
+                for worker in list(cluster.workers.values()):
+                    for _, child in list(getattr(worker, "accessvdb_waiting", {}).values()):
+                        child.close()

@@ -55,7 +55,7 @@ class Outcome(TypedDict):
     stalled: bool
     host: str
     slot: str  # worker and thread: runs one tile at a time
-    began: float  # time.time() of this host when the process started, and when it had ended
+    began: float  # time.time() of this host when the tile began, and when it had ended
     ended: float
 
 
@@ -181,6 +181,7 @@ class _Child:
         )
         assert self.process.stdin is not None and self.process.stdout is not None and self.process.stderr is not None
         self._stdin, self._stdout, self._stderr = self.process.stdin, self.process.stdout, self.process.stderr
+        threading.Thread(target=self.process.wait, daemon=True).start()  # one that ends by itself leaves no zombie
         self._open = [self._stdout.fileno(), self._stderr.fileno()]
         self.stdout = self.stderr = b""
         self.peak_bytes = 0
@@ -205,7 +206,8 @@ class _Child:
             return 0
         code = int(self.process.returncode)
         # One that has waited for long may end at the very moment at which it is asked.
-        return None if code == 0 and not self.stdout and not self.stderr else code
+        left = code == 0 and not self.stdout and not self.stderr and self._kill_at == float("inf")
+        return None if left else code
 
     def _finished(self, tile: str) -> bool:
         return tile in self.stdout.decode(errors="replace").splitlines()

@@ -207,11 +207,13 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     return std::nullopt;
   }
 
-  /// A scan that waits for poses, and is far later than one that comes after it, had a wrong clock: it must not keep
-  /// out all that follow.
+  /// A scan that waits for poses, and is far later than one that comes after it and than the poses, had a wrong clock:
+  /// it must not keep out all that follow. The poses judge, because the one that comes may be what is wrong.
   void dropFromTheFuture(std::int64_t stamp_ns) {
     constexpr std::int64_t kFar_ns = 10'000'000'000;
-    while (!queue.empty() && queue.back().scan.stamp_ns - stamp_ns > kFar_ns && !poses.at(queue.back().scan.stamp_ns)) {
+    if (taken_stamp_ns && stamp_ns <= *taken_stamp_ns) return;
+    while (!queue.empty() && queue.back().scan.stamp_ns - stamp_ns > kFar_ns &&
+           poses.isFarAhead(queue.back().scan.stamp_ns, kFar_ns)) {
       drop(queue.back(), ScanDrop::OutOfOrder);
       waiting_returns -= weightOf(queue.back().scan);
       queue.pop_back();

@@ -32,6 +32,10 @@ class PoseBuffer {
   [[nodiscard]] std::optional<Eigen::Isometry3d> at(std::int64_t stamp_ns) const;
   /// Whether poses have got past that time: the last that arrived is later.
   [[nodiscard]] bool isPast(std::int64_t stamp_ns) const { return last_arrived_ns_ && *last_arrived_ns_ > stamp_ns; }
+  /// Whether that time is so much later than the pose that arrived last.
+  [[nodiscard]] bool isFarAhead(std::int64_t stamp_ns, std::int64_t far_ns) const {
+    return last_arrived_ns_ && stamp_ns - *last_arrived_ns_ > far_ns;
+  }
 
   [[nodiscard]] const Counts& counts() const { return counts_; }
   [[nodiscard]] std::size_t size() const { return poses_.size(); }

@@ -4,9 +4,12 @@
 /// (failing_calls.c), or the program crashes.
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -82,6 +85,26 @@ TEST_F(FailingCalls, ACrashIsOneLineAndLeavesNoTemporaryFile) {
     EXPECT_EQ(result.exit_code, 70) << result.err;
     EXPECT_EQ(errorLines(result), 1) << result.err;
     EXPECT_NE(result.err.find("error[internal.crash]"), std::string::npos) << result.err;
+    expectNoTemporaryFileIn("out");
+  }
+}
+
+/// As a fault in a loop that all threads run.
+TEST_F(FailingCalls, ThreadsThatCrashTogetherLeaveOneLine) {
+  for (int round = 0; round < 5; ++round) {
+    ProgramSetup setup;
+    setup.arguments = mapArguments({"--voxel", "0.02"});
+    setup.signal_after = "predicted peak memory";
+    setup.act = [](pid_t process) {
+      kill(process, SIGSTOP);
+      for (const auto& thread : std::filesystem::directory_iterator("/proc/" + std::to_string(process) + "/task"))
+        syscall(SYS_tgkill, process, std::stoi(thread.path().filename().string()), SIGSEGV);
+      kill(process, SIGCONT);
+    };
+    const ProgramResult result = runProgram(setup);
+    EXPECT_EQ(result.signal, 0) << result.err;
+    EXPECT_EQ(result.exit_code, 70) << result.err;
+    EXPECT_EQ(errorLines(result), 1) << result.err;
     expectNoTemporaryFileIn("out");
   }
 }

@@ -330,6 +330,24 @@ TEST_F(TileRefusal, AWorkerMapsWhatItIsGivenAndEndsWhenNothingComes) {
   expectOnePiece();
 }
 
+/// Names that nobody waits for are not passed over in silence: whole ones, and one without its end.
+TEST_F(TileRefusal, AWorkerWhoseNamesEndTooSoonSaysSo) {
+  planAndBin();
+  const std::string names = runProgram(step("list")).out;
+  for (const std::string& given : {names.substr(0, names.find('\n')), std::string(5000, '1')}) {
+    StandardInput input;
+    input.write(given);
+    input.close();
+    const ProgramResult result = runProgram(step("run", {"--worker"}));
+    EXPECT_EQ(result.exit_code, 2) << result.err;
+    EXPECT_TRUE(has(result.err, "error[usage.worker]")) << result.err;
+    EXPECT_EQ(result.out, "");
+  }
+  StandardInput input;
+  input.close();
+  EXPECT_EQ(runProgram(step("run", {"--worker"})).exit_code, 0);
+}
+
 TEST_F(TileRefusal, AWorkerEndsWithATileThatFails) {
   planAndBin();
   const std::string names = runProgram(step("list")).out;

@@ -171,6 +171,31 @@ TEST(LiveLimits, AScanFromTheFutureKeepsNobodyOut) {
   expectSameField(session.field(), fedDirectly(scans, taken));
 }
 
+/// Scans wait for poses that come a little later, as an odometry gives them. One of another clock is what is wrong
+/// then.
+TEST(LiveLimits, AStaleScanDropsNoneThatWaits) {
+  const std::vector<Scan> scans = test::wallScans(3, 8, 100);
+  LiveSession session(test::armTool(), coarseParams());
+  std::vector<std::size_t> taken;
+  const auto takeAll = [&] {
+    while (const auto step = session.step()) taken.push_back(step->number);
+  };
+  LiveScan stale = scanOf(scans[0], 0);
+  stale.stamp_ns = 7;
+  for (std::size_t n = 0; n < 8; ++n) {
+    session.addScan(scanOf(scans[n], n));
+    session.addScan(stale);  // before any pose, and after some
+    if (n > 0) session.addPose(poseOf(scans[n - 1], n - 1));
+    takeAll();
+  }
+  session.addPose(poseOf(scans[7], 7));
+  session.endOfPoses();
+  takeAll();
+  EXPECT_EQ(taken, (std::vector<std::size_t>{0, 2, 4, 6, 8, 10, 12, 14}));
+  EXPECT_EQ(droppedFor(session, ScanDrop::OutOfOrder), 8U);
+  expectAllAccountedFor(session.status());
+}
+
 TEST(LiveLimits, DropScansThatWillNeverHaveAPose) {
   const std::vector<Scan> scans = test::wallScans(3, 10, 200);
   LiveOptions options;

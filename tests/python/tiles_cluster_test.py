@@ -21,19 +21,61 @@ PROGRAM = os.environ["PROGRAM"]
 MAP = ["--scans", str(WORK / "scans"), "--poses", str(WORK / "scans/poses.txt"), "--tool", "builtin:pencil"]
 MAP += ["--voxel", "0.1", "--quiet", "--allow-hidden-tool"]
 # The program, but it notes who has started it, and from the N-th tile on waits, N in the file "quick", until N is larger
-# or standard input ends. So whoever is killed is killed while tiles run. Ends where the folder is gone. The tile that the
-# file "bad" names crashes.
-SLOW = f"""#!/bin/bash
-if [[ $2 == run ]]; then
-  echo $$ $PPID >>{WORK}/started
-  n=$(awk -v pid=$$ '$1 == pid {{ print NR; exit }}' {WORK}/started)
-  [[ ! -f {WORK}/bad || " $* " != *" --tile $(<{WORK}/bad) "* ]] || exit 70
-  while [[ -f {WORK}/quick ]] && ((n > $(<{WORK}/quick))); do
-    read -rt 0.1
-    (($? > 128)) || break
-  done
-fi
-exec {PROGRAM} "$@"
+# or standard input ends. So whoever is killed is killed while tiles run. Goes on where the folder is gone. The tile that
+# the file "bad" names crashes.
+SLOW = f"""#!/usr/bin/env -S /usr/bin/python3 -I -S
+import os, select, subprocess, sys
+from pathlib import Path
+
+WORK, PROGRAM = Path({str(WORK)!r}), {PROGRAM!r}
+
+
+def number(file, text):  # of a line that is added to a file
+    with open(WORK / file, "a") as lines:
+        lines.write(text + chr(10))
+        end = lines.tell()
+    return (WORK / file).read_bytes()[:end].count(10)
+
+
+def held(n):
+    try:
+        return n > int((WORK / "quick").read_text())
+    except OSError:
+        return False
+
+
+def rest(child, code=None):
+    child.stdin.close()
+    ended = child.wait()
+    sys.exit(ended if code is None else code)
+
+
+if sys.argv[2] != "run":
+    os.execv(PROGRAM, [PROGRAM, *sys.argv[1:]])
+number("started", f"{{os.getpid()}} {{os.getppid()}}")
+if "--worker" not in sys.argv:
+    while held(1):
+        select.select([], [], [], 0.1)
+    os.execv(PROGRAM, [PROGRAM, *sys.argv[1:]])
+child = subprocess.Popen([PROGRAM, *sys.argv[1:]], stdin=subprocess.PIPE)
+text, waiting = b"", []  # tiles with their numbers
+while True:
+    if child.poll() is not None:
+        sys.exit(child.returncode)
+    if select.select([0], [], [], 0.02)[0]:
+        read = os.read(0, 4096)
+        if not read:
+            rest(child)
+        text += read
+        while chr(10).encode() in text:
+            tile, _, text = text.partition(chr(10).encode())
+            waiting.append((number("tiles", tile.decode()), tile))
+    while waiting and not held(waiting[0][0]):
+        tile = waiting.pop(0)[1]
+        if (WORK / "bad").exists() and (WORK / "bad").read_text() == tile.decode():
+            rest(child, 70)
+        child.stdin.write(tile + chr(10).encode())
+        child.stdin.flush()
 """
 
 
@@ -115,7 +157,7 @@ def setUpModule():
 
 class Tiles(unittest.TestCase):
     def setUp(self):
-        for name in ("started", "bad"):
+        for name in ("started", "tiles", "bad"):
             (WORK / name).unlink(missing_ok=True)
         self.out = WORK / self.id().rpartition(".")[2]
         subprocess.run([PROGRAM, "tile", "plan", str(self.out), *MAP, "--tiles", "12.8"], check=True)

@@ -44,7 +44,7 @@ std::vector<std::uint32_t> idsIn(const std::string& text, const std::string& sub
 
 Region pointsRegion(const std::string& text) {
   if (!io::isFile(text)) return Region::points(idsIn(text, "", false));
-  return Region::points(idsIn(io::contentAt(text), text, true));
+  return Region::points(idsIn(io::contentAt(text, UINT64_MAX), text, true));
 }
 
 Region meshRegion(const std::string& file) {

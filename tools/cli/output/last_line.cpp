@@ -4,9 +4,11 @@
 
 #include <signal.h>
 #include <sys/mman.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <atomic>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <exception>
@@ -17,12 +19,13 @@
 namespace accessvdb::tools {
 namespace {
 
+constexpr std::int64_t kNever_s = -1'000'000;
 pid_t own_process = 0;
 bool json_lines = false;
 /// An exception that ends the program is not always known (where a library's noexcept stops it), nor is a crash's
 /// cause.
-std::atomic<bool> memory_was_refused = false;
-std::atomic_flag ending = ATOMIC_FLAG_INIT;
+std::atomic<std::int64_t> memory_refused_at_s = kNever_s;
+std::atomic<pid_t> ender = 0;  ///< the thread that ends the program
 volatile sig_atomic_t last_exit_code = 70;
 
 /// Escapes what would end the line or a string of JSON.
@@ -48,6 +51,12 @@ class Line {
   std::size_t size_ = 0;
 };
 
+std::int64_t now_s() {
+  timespec now = {};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec;
+}
+
 /// Ends the program if its last words take longer: they may wait for a lock that this thread held when it crashed.
 void endSoon(int exit_code) {
   constexpr unsigned kMost_s = 2;
@@ -62,8 +71,11 @@ void endSoon(int exit_code) {
 
 [[noreturn]] void endWith(int exit_code, const char* id, const char* subject, const char* problem, const char* advice) {
   if (::getpid() != own_process) ::_exit(exit_code);  // a child; its parent says what happened
-  if (ending.test_and_set()) {
-    for (;;) ::pause();  // another thread is ending the program, or this one crashed again while it did
+  const pid_t thread = ::gettid();
+  pid_t nobody = 0;
+  if (!ender.compare_exchange_strong(nobody, thread)) {
+    if (nobody == thread) ::_exit(exit_code);  // it crashed again over its last words
+    for (;;) ::pause();
   }
   endSoon(exit_code);
   char code[16];
@@ -85,6 +97,8 @@ void endSoon(int exit_code) {
   ::_exit(exit_code);
 }
 
+bool memoryWasRefused();
+
 constexpr const char* kIsABug = "This is a bug: please report it with this line and the command";
 
 [[noreturn]] void endUnhandled() {
@@ -97,13 +111,19 @@ constexpr const char* kIsABug = "This is a bug: please report it with this line 
   } catch (...) {
     endWith(70, "internal.exception", "", "an unknown exception", kIsABug);
   }
-  if (memory_was_refused) endOutOfMemory();
+  if (memoryWasRefused()) endOutOfMemory();
   endWith(70, "internal.exception", "", "a library gave up", kIsABug);
 }
 
 [[noreturn]] void refuseMemory() {
-  memory_was_refused = true;
+  memory_refused_at_s = now_s();
   throw std::bad_alloc();
+}
+
+/// A little while ago: what was refused before and borne has nothing to do with how the program ends.
+bool memoryWasRefused() {
+  constexpr std::int64_t kLittle_s = 5;
+  return now_s() - memory_refused_at_s <= kLittle_s;
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // these say more about a crash
@@ -114,7 +134,7 @@ bool memoryIsShort() {
   void* const place = ::mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (place == MAP_FAILED) return true;
   ::munmap(place, kBytes);
-  return memory_was_refused;
+  return memoryWasRefused();
 }
 
 void endCrashed(int signal) {
@@ -139,7 +159,7 @@ void catchCrashes() {
   for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) {
     struct sigaction action = {};
     action.sa_handler = endCrashed;
-    action.sa_flags = SA_ONSTACK | static_cast<int>(SA_RESETHAND);
+    action.sa_flags = SA_ONSTACK;  // stays for other threads, which may crash of the same at the same time
     ::sigaction(signal, &action, nullptr);
   }
 }

@@ -22,16 +22,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Of a tool that names other files; larger ones are not read as one.
-constexpr std::uint64_t kMostMeshBytes = std::uint64_t{1} << 30;
-
 using FileId = std::pair<std::uint64_t, std::uint64_t>;  // device and inode
 
-std::optional<FileId> idOf(const fs::path& path) {
+std::optional<FileId> idOf(const fs::path& path, ErrorCode of) {
   struct stat info;
   if (path.empty()) return std::nullopt;
   while (::stat(path.c_str(), &info) != 0) {
-    if (!io::isThere(path)) return std::nullopt;
+    if (!io::isThere(path, of)) return std::nullopt;
   }
   return FileId{info.st_dev, info.st_ino};
 }
@@ -98,7 +95,8 @@ void requireDistinct(const Paths& outputs) {
     const fs::path place = placeOf(output);
     if (place.empty()) continue;  // what is wrong with it is said where it is written
     const fs::path* other = by_place.emplace(place, &output).first->second;
-    if (const auto id = idOf(output); id && other == &output) other = by_id.emplace(*id, &output).first->second;
+    if (const auto id = idOf(output, ErrorCode::Output); id && other == &output)
+      other = by_id.emplace(*id, &output).first->second;
     if (other == &output) continue;
     throw InvalidArgument("output.twice", output.string(),
                           "is to hold two outputs of this run" +
@@ -122,12 +120,12 @@ void requireNoInputs(const Paths& outputs, const Paths& inputs) {
   std::map<FileId, const fs::path*> written;
   for (const fs::path& output : outputs) {
     if (output.empty() || io::isStream(output)) continue;
-    if (const auto id = idOf(output)) written.emplace(*id, &output);
+    if (const auto id = idOf(output, ErrorCode::Output)) written.emplace(*id, &output);
   }
   if (written.empty()) return;
   // Inputs first: a folder or a pipe that is read is worse than one that cannot be written.
   for (const fs::path& input : inputs) {
-    const auto id = idOf(input);
+    const auto id = idOf(input, ErrorCode::Input);
     const auto found = id ? written.find(*id) : written.end();
     if (found == written.end()) continue;
     const std::string output = found->second->string();
@@ -185,7 +183,11 @@ bool isOwn(const fs::path& output) {
     if (begins("\x89PNG") && has(std::string_view("Software\0AccessVDB", 18))) return true;
     // Pictures of earlier versions have no mark; a run writes its report after its picture.
     const fs::path report = output.parent_path() / "report.json";
-    return isOwnJson(report) && fs::last_write_time(output, error) <= fs::last_write_time(report, error);
+    if (!isOwnJson(report)) return false;
+    const auto written = fs::last_write_time(output, error);
+    if (error) return false;
+    const auto reported = fs::last_write_time(report, error);
+    return !error && written <= reported;
   }
   if (kind == ".md")
     return has("- command: accessvdb-lab evaluate") || has("- command: accessvdb evaluate") ||
@@ -232,7 +234,7 @@ std::vector<std::string> filesNamedIn(const fs::path& mesh) {
   const std::string kind = lowerCase(mesh.extension().string());
   if ((kind != ".obj" && kind != ".gltf") || !io::isFile(mesh)) return names;
   if (kind == ".obj") {
-    std::istringstream in(io::contentAt(mesh, kMostMeshBytes));
+    std::istringstream in(io::contentAt(mesh, UINT64_MAX));
     for (std::string line; std::getline(in, line);) {
       if (!line.starts_with("mtllib ")) continue;
       while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
@@ -240,7 +242,7 @@ std::vector<std::string> filesNamedIn(const fs::path& mesh) {
     }
     return names;
   }
-  const nlohmann::json json = nlohmann::json::parse(io::contentAt(mesh, kMostMeshBytes), nullptr, false);
+  const nlohmann::json json = nlohmann::json::parse(io::contentAt(mesh, UINT64_MAX), nullptr, false);
   for (const char* list : {"buffers", "images"}) {
     if (!json.is_object() || !json.contains(list) || !json[list].is_array()) continue;
     for (const auto& part : json[list]) {

@@ -87,8 +87,9 @@ Json parsed(const fs::path& manifest) {
 
 /// Also if it cannot be read. The first manifest only announces the first state, so that what is left of a run that is
 /// killed between the two is known to be ours.
-bool holdsCheckpoint(const fs::path& folder) {
-  if (!io::isTaken(folder / kManifest)) return false;
+/// @param of  what the folder is to the caller
+bool holdsCheckpoint(const fs::path& folder, ErrorCode of) {
+  if (!io::isTaken(folder / kManifest, of)) return false;
   const Json json = parsed(folder / kManifest);
   return !json.is_object() || !json.contains("schema") || !json.contains("generation") || json["generation"] != 0;
 }
@@ -144,7 +145,7 @@ void Checkpoints::prepare() {
   folder_ = options_.checkpoint.empty() ? options_.resume : options_.checkpoint;
   if (folder_.empty()) return;
   if (!options_.resume.empty()) {
-    if (holdsCheckpoint(options_.resume)) {
+    if (holdsCheckpoint(options_.resume, ErrorCode::Input)) {
       readManifest();
     } else if (options_.checkpoint.empty() || !continuesInPlace()) {
       throw InputError(
@@ -169,7 +170,7 @@ void Checkpoints::prepare() {
 /// A checkpoint that this run does not continue is somebody's work, and so is a manifest that we did not write.
 void Checkpoints::refuseOthers() const {
   const fs::path manifest = folder_ / kManifest;
-  if (!holdsCheckpoint(folder_) || (resumed_ && continuesInPlace())) return;
+  if (!holdsCheckpoint(folder_, ErrorCode::Output) || (resumed_ && continuesInPlace())) return;
   if (options_.no_clobber) {
     throw OutputError("output.exists", manifest.string(), "exists, and --no-clobber was given",
                       "Use --resume to continue it, or choose another --checkpoint folder");

@@ -8,6 +8,7 @@
 #include <thread>
 #include <utility>
 
+#include "accessvdb/error.h"
 #include "output/stop_signal.h"
 
 namespace accessvdb::tools {
@@ -36,19 +37,24 @@ void TileRequests::read(Lines& lines) {
   }
   const std::lock_guard lock(lines.mutex);
   lines.ended = true;
+  lines.cut_off = !line.empty();
   lines.changed.notify_all();
-  if (lines.busy) ::kill(::getpid(), SIGTERM);
+  if (lines.busy && stopSignal() == 0) ::kill(::getpid(), SIGTERM);
 }
 
 std::optional<std::string> TileRequests::next(std::chrono::milliseconds idle) {
   std::unique_lock lock(lines_->mutex);
   lines_->busy = false;
   const auto until = std::chrono::steady_clock::now() + idle;
-  while (lines_->waiting.empty()) {
+  while (lines_->waiting.empty() && !lines_->cut_off) {
     if (lines_->ended || stopSignal() != 0 || std::chrono::steady_clock::now() >= until) return std::nullopt;
     lines_->changed.wait_for(lock, kLook);
   }
-  if (lines_->ended) return std::nullopt;  // nobody waits for it any more
+  if (stopSignal() != 0) return std::nullopt;
+  if (lines_->ended) {  // nobody waits for a tile any more
+    throw InvalidArgument("usage.worker", "standard input", "ended before the tiles that it names were mapped",
+                          "Keep it open until each name has been printed, or use --tile");
+  }
   std::string line = std::move(lines_->waiting.front());
   lines_->waiting.pop_front();
   lines_->busy = true;

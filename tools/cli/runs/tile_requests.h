@@ -22,6 +22,7 @@ class TileRequests {
 
   /// Waits for a line. @return nothing at the end of standard input, after a stop signal, or if none comes for `idle`:
   /// a parent that is elsewhere does not hold memory and GPU
+  /// @throws InvalidArgument "usage.worker" if it ended with names that were not taken, or within one
   [[nodiscard]] std::optional<std::string> next(std::chrono::milliseconds idle);
 
  private:
@@ -29,7 +30,7 @@ class TileRequests {
     std::mutex mutex;
     std::condition_variable changed;
     std::deque<std::string> waiting;
-    bool ended = false, busy = false;
+    bool ended = false, cut_off = false, busy = false;
   };
   static void read(Lines& lines);
 

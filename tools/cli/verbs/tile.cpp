@@ -66,14 +66,22 @@ Paths inputsOf(const tiles::Plan& plan) {
   return inputs;
 }
 
+/// As much memory as there is now, unless --max-memory says it.
+tiles::RunLimits runLimits(const OpenJob& open, const MapOptions& given) {
+  return {memoryLimit(given).value_or(0), writeOptions(open.options.exported)};
+}
+
 constexpr std::chrono::seconds kIdle{10};  ///< docs/large_maps.md says it
 
 /// Tiles that a parent names; each name is printed when its tile is finished. A tile that fails ends the process.
-void runForParent(const TileWork& work, Messages& messages) {
+void runForParent(const OpenJob& open, const tiles::Binned& rays, const MapOptions& given, Messages& messages) {
   TileRequests requests;
   while (const auto name = requests.next(kIdle)) {
-    runWithProgress(work, {tiles::TileId::parse(*name)}, messages);
-    if (stopSignal() != 0) return;
+    runWithProgress({open.job, rays, runLimits(open, given)}, {tiles::TileId::parse(*name)}, messages);
+    if (stopSignal() != 0) {
+      messages.notice("stopped in tile " + *name + ", by a signal or because standard input ended");
+      return;
+    }
     printData(*name + "\n");
   }
 }
@@ -146,8 +154,9 @@ int runTiles(const Arguments& arguments, Messages& messages) {
                  "accessvdb tile run out/ --tile 3_-2 --max-memory 4G");
   flags.list("--tile", options.tiles, "name of a tile, as accessvdb tile list prints it; may be repeated");
   flags.option("--max-memory", &options.map.max_memory, "limit on memory; a tile that needs more is run as quarters");
-  flags.flag("--worker", options.worker,
-             "run the tiles that standard input names, a line each, and print each name when it is done; end with it");
+  flags.flag(
+      "--worker", options.worker,
+      "run the tiles that standard input names, a line each, and print each name when it is done; stop when it ends");
   if (!parseStep(flags, options, arguments, messages)) return 0;
   if (options.worker && !options.tiles.empty()) {
     throw InvalidArgument("usage.conflict", "--worker", "runs the tiles that standard input names, not those of --tile",
@@ -159,13 +168,11 @@ int runTiles(const Arguments& arguments, Messages& messages) {
   const OpenJob open = openJob(options.map.out, options.map);
   requireNoInputsInTiles(open.job.out, inputsOf(open.job.plan));
   const tiles::Binned rays = raysOf(open.job);
-  const tiles::RunLimits limits = {memoryLimit(options.map).value_or(0), writeOptions(open.options.exported)};
-  const TileWork work = {open.job, rays, limits};
   if (options.worker) {
-    runForParent(work, messages);
+    runForParent(open, rays, options.map, messages);
   } else {
     if (wanted.empty()) wanted = tiles::status(open.job.out, open.job.plan, rays).todo;
-    runWithProgress(work, wanted, messages);
+    runWithProgress({open.job, rays, runLimits(open, options.map)}, wanted, messages);
   }
   return stopSignal() == 0 ? 0 : 128 + stopSignal();
 }
