@@ -50,7 +50,7 @@ ctest --test-dir "$build" -j "$(nproc)" --output-on-failure --no-tests=error "${
 found=0 suppressed=0
 while read -r report; do
   [[ -n $report ]] || continue
-  if head -n 6 "$report" | tr '\n' ' ' | grep -qEf <(grep -vE '^(#|$)' "$suppressions/asan.supp"); then
+  if head -n 8 "$report" | tr '\n' ' ' | grep -qEf <(grep -vE '^(#|$)' "$suppressions/asan.supp"); then
     suppressed=$((suppressed + 1))
   else
     found=$((found + 1))
