@@ -217,10 +217,9 @@ class _Child:
         unwanted_at = time.monotonic() + _UNWANTED_POLL_S
         while self.process.poll() is None:
             self._read(_POLL_S)
-            if tile and self._finished(tile):
-                self.peak_bytes = max(self.peak_bytes, _peak_bytes(self.process.pid))
-                return
             self.peak_bytes = max(self.peak_bytes, _peak_bytes(self.process.pid))
+            if tile and self._finished(tile):
+                return
             now = time.monotonic()
             if now >= unwanted_at and self._kill_at == float("inf"):
                 unwanted_at = now + _UNWANTED_POLL_S

@@ -57,6 +57,12 @@ std::int64_t now_s() {
   return now.tv_sec;
 }
 
+/// A little while ago: what was refused before and borne has nothing to do with how the program ends.
+bool memoryWasRefused() {
+  constexpr std::int64_t kLittle_s = 5;
+  return now_s() - memory_refused_at_s <= kLittle_s;
+}
+
 /// Ends the program if its last words take longer: they may wait for a lock that this thread held when it crashed.
 void endSoon(int exit_code) {
   constexpr unsigned kMost_s = 2;
@@ -97,8 +103,6 @@ void endSoon(int exit_code) {
   ::_exit(exit_code);
 }
 
-bool memoryWasRefused();
-
 constexpr const char* kIsABug = "This is a bug: please report it with this line and the command";
 
 [[noreturn]] void endUnhandled() {
@@ -118,12 +122,6 @@ constexpr const char* kIsABug = "This is a bug: please report it with this line 
 [[noreturn]] void refuseMemory() {
   memory_refused_at_s = now_s();
   throw std::bad_alloc();
-}
-
-/// A little while ago: what was refused before and borne has nothing to do with how the program ends.
-bool memoryWasRefused() {
-  constexpr std::int64_t kLittle_s = 5;
-  return now_s() - memory_refused_at_s <= kLittle_s;
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // these say more about a crash
