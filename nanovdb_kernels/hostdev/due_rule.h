@@ -52,7 +52,7 @@ enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
 
 enum class DueKind : std::uint8_t {
   Nothing,  ///< the stored result still holds
-  Confirm,  ///< an accessible point changed, but its best direction is still the best one: nothing to test
+  Confirm,  ///< an accessible point changed, or its score, but its best direction is still the best one
   Some,     ///< test the best direction as Due::test_best says, and the candidates
   All       ///< test all directions
 };
@@ -61,6 +61,8 @@ struct Due {
   DueKind kind = DueKind::Nothing;
   std::uint8_t test_best = 0;  ///< TestBest: whether the best direction may have changed
   std::uint8_t evidence = 0;   ///< ScoreItem::evidence
+  /// Collisions of an accessible point's best direction, if they are known without a test of the tool; else kNoScore.
+  std::uint16_t best_score = kNoScore;
   DirectionMask candidates = {};
 };
 
@@ -85,8 +87,11 @@ struct BestDirection {
 /// What is due because the point or the map around it changed.
 /// @param before   the point's directions at the last update; equal to those of `point` if it did not change
 /// @param changed  whether they differ; if so, the stored result is at least confirmed
-/// @param flips    flips.masks(): GroupMasks; flips.notKnownWorse(w, asked): those of the requested directions in
-///   64 w .. 64 w + 63 that are not known to be worse than the stored result. Both are called only if needed.
+/// @param flips    flips.masks(): GroupMasks; flips.notKnownWorse(w, asked, most): those of the requested directions in
+///   64 w .. 64 w + 63 that are not known to have more collisions, or a blocked corridor; flips.collisionsOf(d): what
+///   an accessible point's best direction has now, kNoScore if it must be tested; flips.bestArmMayBeBlocked(): whether
+///   the masks hold for its corridor, which they name for a group; flips.limit(): so many block a direction. All but
+///   the last are called only if needed.
 template <class Flips>
 [[nodiscard]] ACCESSVDB_HOSTDEV Due dueAfterChange(const PointNow& point, const PointDirections& before, bool changed,
                                                    const Flips& flips) {
@@ -102,30 +107,42 @@ template <class Flips>
   const ApproachView& approach = point.approach;
   const PointDirections& now = point.directions;
   const bool accessible = point.stored.label == PointLabel::Accessible;
-  const int score = point.stored.score;
+  int score = point.stored.score;
+  bool became_worse = false;
   const GroupMasks masks = flips.masks();
   const float best_cosine_before = cosToNormal(approach, best.direction, before.normal);
   if (accessible) {
-    if (masks.worse_arm.test(best.direction)) due.test_best |= kTestArm;
+    if (masks.worse_arm.test(best.direction) && flips.bestArmMayBeBlocked()) due.test_best |= kTestArm;
     // What became free may also let an earlier roll have as few collisions.
     const bool may_improve = score > 0 || point.stored.roll > 0;
     if (masks.worse_tool.test(best.direction) || (may_improve && masks.better_tool.test(best.direction))) {
-      due.test_best |= kTestTool;
+      const int now_score = flips.collisionsOf(best.direction);
+      if (now_score == kNoScore) {
+        due.test_best |= kTestTool;
+      } else if (now_score >= flips.limit()) {
+        due.kind = DueKind::All;
+        return due;
+      } else {
+        due.best_score = static_cast<std::uint16_t>(now_score);
+        became_worse = now_score > score;
+        score = now_score;
+      }
     }
   }
+  const int most = accessible ? score : flips.limit() - 1;
   bool some = false;
   ACCESSVDB_UNROLL
   for (int w = 0; w < kMaxDirectionWords; ++w) {
     const std::uint64_t better = masks.better_tool.word[w] | masks.better_arm.word[w];
-    std::uint64_t asked = now.seen.word[w] & (changed ? ~std::uint64_t{0} : better);
+    std::uint64_t asked = now.seen.word[w] & (changed || became_worse ? ~std::uint64_t{0} : better);
     if (accessible) asked = best.without(asked, w);
-    asked = flips.notKnownWorse(w, asked);
+    asked = flips.notKnownWorse(w, asked, most);
     std::uint64_t candidates = 0;
     for (; asked != 0; asked &= asked - 1) {
       const int bit = lowestBit(asked), d = 64 * w + bit;
       const float cosine = cosToNormal(approach, d, now.normal);
       if (!now.admits(approach, d, cosine)) continue;
-      bool wanted = (better >> bit & 1u) != 0;
+      bool wanted = became_worse || (better >> bit & 1u) != 0;
       bool is_before = true;  // can it be better than the best one?
       if (accessible) is_before = ranksBefore(cosine, d, best.cosine, best.direction);
       if (changed && !wanted) {
@@ -140,7 +157,7 @@ template <class Flips>
   }
   if (some || due.test_best != 0) {
     due.kind = DueKind::Some;
-  } else if (changed && accessible) {
+  } else if (accessible && (changed || score != point.stored.score)) {
     due.kind = DueKind::Confirm;
   }
   return due;
@@ -161,17 +178,28 @@ template <class Flips>
   due.kind = DueKind::Some;
   const PointDirections& now = point.directions;
   const bool accessible = point.stored.label == PointLabel::Accessible;
-  if (accessible) due.test_best = kTestArm | kTestTool;
+  int score = point.stored.score;
+  if (accessible) {
+    due.test_best = kTestArm;
+    const int now_score = flips.collisionsOf(best.direction);
+    if (now_score == kNoScore) {
+      due.test_best |= kTestTool;
+    } else {
+      due.best_score = static_cast<std::uint16_t>(now_score);
+      score = now_score;
+    }
+  }
+  const int most = accessible ? score : flips.limit() - 1;
   ACCESSVDB_UNROLL
   for (int w = 0; w < kMaxDirectionWords; ++w) {
     std::uint64_t asked = now.seen.word[w], candidates = 0;
     if (accessible) asked = best.without(asked, w);
-    asked = flips.notKnownWorse(w, asked);
+    asked = flips.notKnownWorse(w, asked, most);
     for (; asked != 0; asked &= asked - 1) {
       const int bit = lowestBit(asked), d = 64 * w + bit;
       const float cosine = cosToNormal(point.approach, d, now.normal);
       if (!now.admits(point.approach, d, cosine)) continue;
-      if (accessible && point.stored.score == 0 && !ranksBefore(cosine, d, best.cosine, best.direction)) continue;
+      if (accessible && score == 0 && !ranksBefore(cosine, d, best.cosine, best.direction)) continue;
       candidates |= std::uint64_t{1} << bit;
     }
     due.candidates.word[w] = candidates;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which corridors may have become free at a point, from the voxels of a leaf that did. All corridors lie at the height
-/// of their point.
+/// Which corridors may have become free at a point, or blocked, from the voxels of a leaf that did. All corridors lie
+/// at the height of their point.
 #pragma once
 
 #include <cstdint>
@@ -11,17 +11,17 @@
 
 namespace accessvdb::kernels {
 
-/// Voxels of a leaf that became free for a corridor: each is at one of the heights and in one of the columns. That may
-/// name too many, which costs time and changes no result.
-struct FreedForArm {
+/// Voxels of a leaf that became free for a corridor, or ceased to be: each is at one of the heights and in one of the
+/// columns. That may name too many, which costs time and changes no result.
+struct ColumnsForArm {
   std::uint64_t columns = 0;  ///< bit 8 x + y
   std::uint32_t heights = 0;  ///< bit z
 };
 
-/// @param words  [8] LeafChange::arm_free_on: bit 8 y + z of word x
-ACCESSVDB_HOSTDEV inline FreedForArm freedForArm(const std::uint64_t* words) {
+/// @param words  [8] LeafChange::arm_free_on or arm_free_off: bit 8 y + z of word x
+ACCESSVDB_HOSTDEV inline ColumnsForArm columnsForArm(const std::uint64_t* words) {
   constexpr std::uint64_t kLow7 = 0x7f7f7f7f7f7f7f7full;
-  FreedForArm freed;
+  ColumnsForArm freed;
   std::uint64_t all = 0;
   for (int x = 0; x < 8; ++x) {
     all |= words[x];
@@ -47,7 +47,7 @@ struct CorridorView {
 
 /// Columns of a leaf with voxels that became free.
 struct FreedColumns {
-  std::uint64_t columns;        ///< FreedForArm::columns
+  std::uint64_t columns;        ///< ColumnsForArm::columns
   std::int32_t leaf_x, leaf_y;  ///< voxel index >> 3
 };
 
@@ -61,6 +61,19 @@ ACCESSVDB_HOSTDEV inline void addFreedCorridors(const CorridorView& corridors, c
     const DirectionMask* at = corridors.at(x + (column >> 3), y + (column & 7));
     if (at != nullptr) directions = directions | *at;
   }
+}
+
+/// Whether the corridor of a direction may have a sample in one of these columns.
+/// @param blocked  of a leaf that has such voxels at the height of the point
+ACCESSVDB_HOSTDEV inline bool corridorMayPass(const CorridorView& corridors, const FreedColumns& blocked,
+                                              const Coord& point_ijk, int direction) {
+  const std::int32_t x = 8 * blocked.leaf_x - point_ijk[0], y = 8 * blocked.leaf_y - point_ijk[1];
+  for (std::uint64_t columns = blocked.columns; columns != 0; columns &= columns - 1) {
+    const int column = lowestBit(columns);
+    const DirectionMask* at = corridors.at(x + (column >> 3), y + (column & 7));
+    if (at != nullptr && at->test(direction)) return true;
+  }
+  return false;
 }
 
 }  // namespace accessvdb::kernels

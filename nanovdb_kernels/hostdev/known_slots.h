@@ -15,6 +15,7 @@ namespace accessvdb::kernels {
 struct KnownSlots {
   /// Each slot has one digit of the note, which says how often the number of slots goes into its word.
   static constexpr int kMostSlots = 16, kDigitBits = 2, kDigitValues = 3;
+  static constexpr std::uint32_t kNothingHeld = ~std::uint32_t{0};  ///< a note: no digit of any word
 
   int words = 0;  ///< of all directions
   int slots = 0;  ///< per point; as many as words: each word has its own, and nothing is noted
@@ -39,6 +40,22 @@ struct KnownSlots {
   /// Whether a word is in its slot. @param note  of the point; any if each word has its own slot
   [[nodiscard]] ACCESSVDB_HOSTDEV bool holds(std::uint32_t note, int word) const {
     return all() || static_cast<int>(note >> (kDigitBits * slotOf(word)) & kDigit) == digitOf(word);
+  }
+  /// The word in a slot; -1: none.
+  [[nodiscard]] ACCESSVDB_HOSTDEV int wordIn(std::uint32_t note, int slot) const {
+    if (all()) return slot;
+    const std::uint32_t digit = note >> (kDigitBits * slot) & kDigit;
+    return digit < kDigitValues ? slot + static_cast<int>(digit) * slots : -1;
+  }
+  /// The words that are in their slots, one bit each.
+  [[nodiscard]] ACCESSVDB_HOSTDEV std::uint32_t held(std::uint32_t note) const {
+    if (all()) return ~std::uint32_t{0} >> (32 - words);
+    std::uint32_t words_held = 0;
+    for (int slot = 0; slot < slots; ++slot) {
+      const std::uint32_t digit = note >> (kDigitBits * slot) & kDigit;
+      if (digit < kDigitValues) words_held |= 1u << (slot + static_cast<int>(digit) * slots);
+    }
+    return words_held;
   }
   /// Bits of the note that change when the word comes into its slot. Only if there are fewer slots than words.
   [[nodiscard]] ACCESSVDB_HOSTDEV std::uint32_t changes(std::uint32_t note, int word) const {

@@ -8,6 +8,7 @@
 #include <span>
 
 #include "hostdev/freed_corridors.h"
+#include "hostdev/known_counts.h"
 #include "launch/point_delta.h"
 
 namespace accessvdb::kernels {
@@ -26,6 +27,13 @@ struct DirectionArc {
   std::uint16_t count = 0;  ///< at most D
 };
 
+/// ArcsView in host memory.
+struct ArcsTable {
+  std::span<const ArcsOfColumn> table;
+  std::span<const CoveringArc> more;
+  ArcsView shape;  ///< without these
+};
+
 /// Constant tables of one tool in host memory, needed only while the updater is created.
 struct ToolTables {
   std::span<const FootprintColumn> tool_columns, arm_columns;  ///< for groups of NeighbourTables::group_log2
@@ -41,6 +49,7 @@ struct ToolTables {
   /// are named for a group at a time.
   std::span<const DirectionMask> corridors;
   std::int32_t corridor_reach = 0;  ///< [voxels]
+  ArcsTable arcs;                   ///< empty: bounds of collisions do not follow flips, but age
 };
 /// The tables of tools that are tried in the same directions. Points, their neighbourhoods, normals and views, and what
 /// changed are kept once for all of them.
@@ -53,14 +62,31 @@ struct ExactTables {
 struct LeafFlips {
   static constexpr std::uint32_t kManyFreed = 255;
   std::int32_t leaf[3] = {0, 0, 0};
-  std::uint16_t kinds = 0;          ///< bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off
-  std::uint16_t freed_heights = 0;  ///< FreedForArm::heights
+  std::uint16_t kinds = 0;  ///< bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off
+  /// ColumnsForArm::heights and columns, of voxels that became free for a corridor, and of those that ceased to be.
+  std::uint8_t freed_heights = 0, blocked_heights = 0;
   std::uint64_t freed = 0;  ///< voxels that stopped colliding, one byte per cell as in countCells(); 255: or more
-  std::uint64_t freed_columns = 0;  ///< FreedForArm::columns; padding would make both together larger
+  std::uint64_t freed_columns = 0, blocked_columns = 0;
+  std::uint32_t first_voxel = 0, voxels = 0;  ///< of FlippedVoxels::codes
 };
 
+/// A voxel that began or ceased to collide.
+namespace flipped_voxel {
+
+/// @param place  64 x + 8 y + z in its leaf
+inline std::uint16_t codeOf(int place, bool collides) {
+  return static_cast<std::uint16_t>(place << 1 | (collides ? 1 : 0));
+}
+
+}  // namespace flipped_voxel
+
 /// Lists of flips; a leaf may be in several.
-using FlipLists = std::span<const std::span<const LeafFlips>>;
+struct FlipLists {
+  std::span<const std::span<const LeafFlips>> leaves;
+  /// flipped_voxel::codeOf() of all voxels, in as many lists; the leaves count through all of them. Empty if no tool
+  /// has arcs.
+  std::span<const std::span<const std::uint16_t>> voxels;
+};
 
 /// An update is any number of admit() and begin(), in any order, then choose(), then update(). findNeighbours() may be
 /// called once everything is admitted.
@@ -71,9 +97,11 @@ class ExactUpdater : public PointAdmission {
   /// Starts finding the neighbourhoods of the admitted points and returns while the backend is still working. They do
   /// not depend on the map. If not called, update() finds them.
   virtual void findNeighbours() = 0;
+  /// Whether flips have to name each voxel that began or ceased to collide.
+  [[nodiscard]] virtual bool takesVoxels() const = 0;
   /// Takes the flips and returns while the backend is still working on them. Does not read the map. May be called again
   /// before update(), with all flips since the last one.
-  virtual void begin(const ScoringInput& input, FlipLists flips) = 0;
+  virtual void begin(const ScoringInput& input, const FlipLists& flips) = 0;
   /// Starts on what is due at the points that were confident at the last update, and returns while the backend is still
   /// working on it.
   virtual void choose(const ScoringInput& input) = 0;

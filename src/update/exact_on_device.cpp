@@ -9,6 +9,8 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -19,6 +21,7 @@
 #include "update/cell_directions.h"
 #include "update/corridor_offsets.h"
 #include "update/device_admission.h"
+#include "update/direction_arcs.h"
 #include "update/flip_set.h"
 #include "update/leaf_footprint.h"
 #include "update/make_scheduler.h"
@@ -42,6 +45,15 @@ std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
   return sum;
 }
 
+/// Appends codes of the voxels of a leaf. @param collides  what they began to do, or ceased
+void appendVoxels(const LeafBits& bits, bool collides, std::vector<std::uint16_t>& voxels) {
+  for (std::size_t x = 0; x < bits.size(); ++x) {
+    for (std::uint64_t left = bits[x]; left != 0; left &= left - 1) {
+      voxels.push_back(kernels::flipped_voxel::codeOf(static_cast<int>(64 * x) + std::countr_zero(left), collides));
+    }
+  }
+}
+
 std::vector<PointScorer*> scorersOf(std::span<const ScheduledTool> tools) {
   std::vector<PointScorer*> scorers;
   for (const ScheduledTool& tool : tools) scorers.push_back(&tool.scorer);
@@ -54,6 +66,7 @@ class ExactOnDevice final : public UpdateScheduler {
   ExactOnDevice(std::span<const ScheduledTool> tools, std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
       : inputs_({tools.begin(), tools.end()}),
         updater_(std::move(updater)),
+        takes_voxels_(updater_->takesVoxels()),
         admission_(scorersOf(tools), *updater_, group_log2) {}
 
   // The backend finds neighbours while the map integrates the scan.
@@ -68,12 +81,24 @@ class ExactOnDevice final : public UpdateScheduler {
   void noteChange(std::size_t list, const LeafChange& change) override {
     if (!notes_flips_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
-    const kernels::FreedForArm freed = kernels::freedForArm(change.arm_free_on.data());
-    flips_[list].push_back({{leaf[0], leaf[1], leaf[2]},
-                            kindsOf(change),
-                            static_cast<std::uint16_t>(freed.heights),
-                            kernels::countCells(change.collides_off.data()),
-                            freed.columns});
+    const kernels::ColumnsForArm freed = kernels::columnsForArm(change.arm_free_on.data()),
+                                 blocked = kernels::columnsForArm(change.arm_free_off.data());
+    kernels::LeafFlips flips = {{leaf[0], leaf[1], leaf[2]},
+                                kindsOf(change),
+                                static_cast<std::uint8_t>(freed.heights),
+                                static_cast<std::uint8_t>(blocked.heights),
+                                kernels::countCells(change.collides_off.data()),
+                                freed.columns,
+                                blocked.columns};
+    if (takes_voxels_) {
+      std::vector<std::uint16_t>& voxels = voxels_[list];
+      const std::size_t before = voxels.size();
+      appendVoxels(change.collides_on, true, voxels);
+      appendVoxels(change.collides_off, false, voxels);
+      flips.first_voxel = voxels_before_[list] + static_cast<std::uint32_t>(before);
+      flips.voxels = static_cast<std::uint32_t>(voxels.size() - before);
+    }
+    flips_[list].push_back(flips);
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {
@@ -124,6 +149,7 @@ class ExactOnDevice final : public UpdateScheduler {
     const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
     std::uint64_t bytes = admission_.bytes();
     for (const std::vector<kernels::LeafFlips>& part : flips_) bytes += bytesOf(part);
+    for (const std::vector<std::uint16_t>& part : voxels_) bytes += bytesOf(part);
     return bytes;
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
@@ -131,43 +157,82 @@ class ExactOnDevice final : public UpdateScheduler {
  private:
   void begin(const kernels::OccupancyGrid* mirror) {
     std::array<std::span<const kernels::LeafFlips>, kMostLists> lists;
+    std::array<std::span<const std::uint16_t>, kMostLists> voxels;
+    // The device gets all lists behind each other, so that a leaf's voxels begin further back.
+    std::array<std::uint32_t, kMostLists> more = {};
+    std::uint32_t before = 0;
+    for (std::size_t n = 0; n < kMostLists; ++n) {
+      more[n] = before - std::exchange(voxels_before_[n], before);
+      before += static_cast<std::uint32_t>(voxels_[n].size());
+    }
+    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) {
+      if (more[n] == 0) return;
+      for (kernels::LeafFlips& flips : flips_[n]) flips.first_voxel += more[n];
+    });
     std::ranges::copy(flips_, lists.begin());
-    updater_->begin(inputs_.of(mirror), lists);
+    std::ranges::copy(voxels_, voxels.begin());
+    updater_->begin(inputs_.of(mirror), {lists, voxels});
   }
 
   void clearFlips() {
     for (std::vector<kernels::LeafFlips>& part : flips_) part.clear();
+    for (std::vector<std::uint16_t>& part : voxels_) part.clear();
+    voxels_before_ = {};
     joined_flips_ = 0;
   }
   void joinFlips() {
-    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) { join(flips_[n]); });
+    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) {
+      for (kernels::LeafFlips& flips : flips_[n]) flips.first_voxel -= voxels_before_[n];
+      join(flips_[n], voxels_[n]);
+    });
+    voxels_before_ = {};
     joined_flips_ = kernels::totalSize(flips_);
   }
-  static void join(std::vector<kernels::LeafFlips>& flips) {
+  static void join(std::vector<kernels::LeafFlips>& flips, std::vector<std::uint16_t>& voxels) {
     const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };
     tbb::parallel_sort(flips.begin(), flips.end(),
                        [&](const kernels::LeafFlips& a, const kernels::LeafFlips& b) { return place(a) < place(b); });
     std::size_t out = 0;
-    for (const kernels::LeafFlips& flip : flips) {
+    std::vector<std::uint16_t> joined;
+    std::array<std::int8_t, 512> began = {};  // of the leaf: 1: collides now but did not, -1: the other way
+    for (std::size_t n = 0; n < flips.size(); ++n) {
+      const kernels::LeafFlips flip = flips[n];
+      for (std::uint32_t v = 0; v < flip.voxels; ++v) {
+        const std::uint16_t code = voxels[flip.first_voxel + v];
+        began[code >> 1] = static_cast<std::int8_t>(began[code >> 1] + ((code & 1) != 0 ? 1 : -1));
+      }
       if (out > 0 && place(flips[out - 1]) == place(flip)) {
         flips[out - 1].kinds |= flip.kinds;
         flips[out - 1].freed_heights |= flip.freed_heights;
+        flips[out - 1].blocked_heights |= flip.blocked_heights;
+        flips[out - 1].blocked_columns |= flip.blocked_columns;
         flips[out - 1].freed = joinedFreed(flips[out - 1].freed, flip.freed);
         flips[out - 1].freed_columns |= flip.freed_columns;
       } else {
         flips[out++] = flip;
       }
+      if (n + 1 < flips.size() && place(flips[n + 1]) == place(flip)) continue;
+      flips[out - 1].first_voxel = static_cast<std::uint32_t>(joined.size());
+      for (std::size_t at = 0; at < began.size(); ++at) {
+        if (began[at] != 0) joined.push_back(kernels::flipped_voxel::codeOf(static_cast<int>(at), began[at] > 0));
+        began[at] = 0;
+      }
+      flips[out - 1].voxels = static_cast<std::uint32_t>(joined.size()) - flips[out - 1].first_voxel;
     }
     flips.resize(out);
+    voxels = std::move(joined);
   }
 
   ScoringInputs inputs_;
   std::unique_ptr<kernels::ExactUpdater> updater_;
+  bool takes_voxels_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
   bool notes_flips_ = false;  ///< an update has scored something, or may be doing so
   bool flips_begun_ = false;  ///< prepare() was called since the last scan
   std::array<std::vector<kernels::LeafFlips>, kMostLists> flips_;  ///< since the last update, by list
+  std::array<std::vector<std::uint16_t>, kMostLists> voxels_;      ///< FlipLists::voxels
+  std::array<std::uint32_t, kMostLists> voxels_before_ = {};       ///< added to LeafFlips::first_voxel of a list so far
   std::size_t joined_flips_ = 0;                                   ///< their number after the last merge
 };
 
@@ -179,7 +244,9 @@ class TablesOfTool {
         arc_(any_directions_ ? 0 : kernels::mostInCone(host.approach.num_directions, host.approach.normal_cos_min)),
         footprint_(host.tool, host.approach, voxel_size_m, group_log2),
         cells_(host.tool, host.approach.num_directions, group_log2, any_directions_),
-        corridors_(host.approach, voxel_size_m, kMostCorridorReach) {}
+        corridors_(host.approach, voxel_size_m, kMostCorridorReach) {
+    if (!any_directions_) arcs_.emplace(host.tool, host.approach.num_directions);
+  }
 
   [[nodiscard]] kernels::ToolTables tables() const {
     kernels::ToolTables tables;
@@ -193,6 +260,7 @@ class TablesOfTool {
     std::ranges::copy(cells_.size(), tables.cell_size);
     tables.corridors = corridors_.table();
     tables.corridor_reach = corridors_.reach();
+    if (arcs_) tables.arcs = arcs_->table();
     return tables;
   }
 
@@ -202,6 +270,7 @@ class TablesOfTool {
   LeafFootprint footprint_;
   CellDirections cells_;
   CorridorOffsets corridors_;
+  std::optional<DirectionArcs> arcs_;
 };
 
 }  // namespace

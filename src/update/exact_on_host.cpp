@@ -45,6 +45,7 @@ class ExactOnHost final : public HostScheduler {
   ExactOnHost(const ScheduledTool& tool, std::shared_ptr<ScanChanges> changes)
       : HostScheduler(tool, std::move(changes)),
         approach_(tool.host.approach),
+        limit_(tool.host.tool.collision_limit),
         corridors_(approach_, scorer_.params().tsdf.voxel_size_m),
         known_(tool.host.tool, approach_.num_directions, approach_.axes_xyz != nullptr),
         waits_(scorer_.params().update.budget_points > 0) {}
@@ -115,11 +116,15 @@ class ExactOnHost final : public HostScheduler {
     const KnownDirections::LowestLevels& lowest;
     const kernels::KnownPoint& known;
     const kernels::GroupMasks& masks_;
+    int collision_limit;
 
     [[nodiscard]] const kernels::GroupMasks& masks() const { return masks_; }
-    [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked) const {
+    [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked, int /*most*/) const {
       return KnownDirections::notKnownWorse(known, lowest, w, asked);
     }
+    [[nodiscard]] int collisionsOf(int /*direction*/) const { return kNoScore; }
+    [[nodiscard]] bool bestArmMayBeBlocked() const { return true; }
+    [[nodiscard]] int limit() const { return collision_limit; }
   };
 
   void makeRoom() {
@@ -292,7 +297,7 @@ class ExactOnHost final : public HostScheduler {
     const kernels::KnownPoint known = known_.of(id, candidate.block);
     const kernels::PointDirections now = directionsOf(id);
     const kernels::PointNow point = {approach_, storedScore(id), now};
-    const FlipsOfPoint flips = {candidate.lowest, known, candidate.masks};
+    const FlipsOfPoint flips = {candidate.lowest, known, candidate.masks, limit_};
     const kernels::Due due = kernels::dueAfterChange(point, changed ? *candidate.before : now, changed, flips);
     if (due.kind == kernels::DueKind::Nothing) return;
     if (due.kind == kernels::DueKind::Confirm || !waits_) {
@@ -349,7 +354,7 @@ class ExactOnHost final : public HostScheduler {
         const KnownDirections::LowestLevels lowest = known_.lowestWithMore(block);
         const kernels::PointDirections now = directionsOf(id);
         const kernels::PointNow point = {approach_, storedScore(id), now};
-        const FlipsOfPoint flips = {lowest, known, no_masks};
+        const FlipsOfPoint flips = {lowest, known, no_masks, limit_};
         const bool evidence = (turn.asked[order[n]] & kAskedByItself) != 0;
         mine.tasks.push_back({id, kernels::dueAfterWaiting(point, evidence, flips), known});
       }
@@ -358,6 +363,7 @@ class ExactOnHost final : public HostScheduler {
   }
 
   kernels::ApproachView approach_;
+  int limit_;  ///< [n_c]
   CorridorOffsets corridors_;
   KnownDirections known_;
   bool waits_;       ///< updates have a budget

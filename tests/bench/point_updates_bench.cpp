@@ -70,9 +70,9 @@ std::uint64_t bitsOf(float value) { return __builtin_bit_cast(std::uint32_t, val
 class Listener final : public kernels::ExactUpdater {
  public:
   Listener(Phases& phases, Told& told) : phases_(phases), told_(told) {}
-  void begin(const kernels::ScoringInput&, kernels::FlipLists flips_of_parts) override {
+  void begin(const kernels::ScoringInput&, const kernels::FlipLists& lists) override {
     phases_.end(kCrossed);
-    for (const std::span<const kernels::LeafFlips>& part : flips_of_parts) {
+    for (const std::span<const kernels::LeafFlips>& part : lists.leaves) {
       for (const kernels::LeafFlips& flips : part) {
         std::uint64_t hash = mixed(mixed(flips.kinds, flips.freed), mixed(flips.freed_heights, flips.freed_columns));
         for (const std::int32_t axis : flips.leaf) hash = mixed(hash, static_cast<std::uint32_t>(axis));
@@ -82,6 +82,7 @@ class Listener final : public kernels::ExactUpdater {
     }
     phases_.begin();
   }
+  [[nodiscard]] bool takesVoxels() const override { return true; }
   void findNeighbours() override {}
   void choose(const kernels::ScoringInput&) override {}
   void admit(const kernels::AdmitInput& input) override {

@@ -27,6 +27,8 @@ __device__ StoredScore storedScore(const PointStateView& points, std::size_t id)
   return {points.label[id], points.direction[id], points.score[id], points.rollOf(static_cast<std::uint32_t>(id))};
 }
 
+__device__ bool isSet(const std::uint32_t* bits, std::uint32_t id) { return (bits[id >> 5] >> (id & 31) & 1u) != 0; }
+
 /// What flips mean for a point; read only if the rule asks.
 struct FlipsOfPoint {
   const DueContext& context;
@@ -37,9 +39,19 @@ struct FlipsOfPoint {
     const std::uint32_t group = context.points.groupOf(id);
     return context.masks.affected[group] != 0 ? context.masks.masks[group] : GroupMasks{};
   }
-  __device__ std::uint64_t notKnownWorse(int w, std::uint64_t asked) const {
-    return kernels::notKnownWorse(context.points, context.evaluation.known, id, w, asked);
+  __device__ std::uint64_t notKnownWorse(int w, std::uint64_t asked, int most) const {
+    return kernels::notKnownWorse(context.points, context.evaluation.known, id, w, asked, most);
   }
+  __device__ int collisionsOf(int direction) const {
+    const KnownView& known = context.evaluation.known;
+    if (!known.follows) return kNoScore;
+    const std::uint16_t count = knownCount(known, KnownRow(context.points, known, id), direction);
+    return count == known_count::kUnknown ? kNoScore : count;
+  }
+  __device__ bool bestArmMayBeBlocked() const {
+    return context.masks.arm_bits == nullptr || isSet(context.masks.arm_bits, id);
+  }
+  __device__ int limit() const { return context.evaluation.rule.collision_limit; }
 };
 
 /// Adds a point to this update's list.
@@ -54,12 +66,13 @@ __device__ void append(const DueContext& context, std::uint32_t id, const Due& w
 }
 
 /// Confirms an accessible point whose best direction is still the best: nothing to test.
-__device__ void confirm(const PointStateView& points, const UpdateRule& rule, std::uint32_t id) {
+__device__ void confirm(const PointStateView& points, const UpdateRule& rule, std::uint32_t id, const Due& due) {
   ScoreItem item;
   item.id = id;
+  item.evidence = due.evidence;
   ScoreResult result;
   result.scored = 1;
-  result.score = points.score[id];
+  result.score = due.best_score != kNoScore ? due.best_score : points.score[id];
   result.direction = points.direction[id];
   result.roll = static_cast<std::uint8_t>(points.rollOf(id));
   result.reason = PointReason::None;
@@ -80,7 +93,7 @@ __device__ void takeDue(const DueContext& context, std::uint32_t id, const Point
   const Due due = dueAfterChange(point, before, changed, FlipsOfPoint{context, id});
   if (due.kind == DueKind::Nothing) return;
   if (due.kind == DueKind::Confirm) {
-    confirm(context.points.points, context.evaluation.rule, id);
+    confirm(context.points.points, context.evaluation.rule, id, due);
   } else if (waiting != nullptr) {
     waiting[id] |= due.evidence != 0 ? kAsked | kAskedByItself : kAsked;
   } else {
@@ -115,8 +128,6 @@ __global__ void storeNeighbours(PointsView points, PointChunk part, FoundNeighbo
   for (std::size_t axis = 0; axis < 3; ++axis) found.normal[axis] = before.normal[axis];
   found.seen = before.seen;
 }
-
-__device__ bool isSet(const std::uint32_t* bits, std::uint32_t id) { return (bits[id >> 5] >> (id & 31) & 1u) != 0; }
 
 __global__ void dueAfterMoves(DueContext context, PointChunk part, const FoundNeighbourhood* all_before,
                               const std::uint32_t* changed_bits) {

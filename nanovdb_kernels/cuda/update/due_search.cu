@@ -97,18 +97,67 @@ __device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
   return __shfl_sync(kAllLanes, n, 0);
 }
 
+/// What a search found out about eight directions per lane, one bit each.
+struct FoundOut {
+  std::uint32_t counted = 0, arm_blocked = 0;
+
+  FoundOut() = default;
+  __device__ FoundOut(const WarpMasks& masks, const KnownSlots& slots, int lane) {
+    if (lane >= slots.words) return;
+    const int shift = 8 * (lane & 3);
+    counted = masks.counted[lane >> 2] >> shift & 0xffu;
+    arm_blocked = masks.arm_blocked[lane >> 2] >> shift & 0xffu;
+  }
+};
+
+/// Notes that words come into their slots, one word per lane. All lanes call it.
+/// @return whether this lane's does: if two words need the same slot, the first one gets it
+__device__ bool takeSlot(const KnownView& known, std::size_t id, std::uint32_t note, bool writes, int lane) {
+  if (known.notes == nullptr) return writes;
+  const KnownSlots& slots = known.slots;
+  const unsigned writing = __ballot_sync(kAllLanes, writes);
+  const auto isTaken = [&](int by) { return by >= 0 && (writing >> by & 1u) != 0; };
+  writes = writes && !isTaken(lane - slots.slots) && !isTaken(lane - 2 * slots.slots);
+  const std::uint32_t changes = __reduce_or_sync(kAllLanes, writes ? slots.changes(note, lane) : 0u);
+  if (lane == 0 && changes != 0) known.notes[id] = note ^ changes;
+  return writes;
+}
+
+/// Remembers what an evaluation found out, where bounds follow flips.
+__device__ void learnCounts(const DueWork& work, std::size_t id, const WarpMasks& masks, int lane) {
+  const KnownView& known = work.evaluation.known;
+  const FoundOut found(masks, known.slots, lane);
+  const bool writes = (found.counted | found.arm_blocked) != 0;
+  if (!__any_sync(kAllLanes, writes)) return;
+  if (__any_sync(kAllLanes, found.counted != 0) && lane == 0) {
+    atomicOr(known.counted_bits + (id >> 5), 1u << (id & 31));
+  }
+  const KnownRow row(work.points, known, id);
+  if (!takeSlot(known, id, row.note, writes, lane)) return;
+  KnownCounts counts = row.countsOfWord(known.slots, lane);
+#pragma unroll
+  for (int n = 0; n < kKnownPerWord; ++n) {
+    if ((found.arm_blocked >> n & 1u) != 0) counts.of[n] |= known_count::kArmBlocked;
+    if ((found.counted >> n & 1u) == 0) continue;
+    // Where the tool was counted, the corridor is free.
+    counts.of[n] = known_count::learnt(known_count::boundOf(counts.of[n]), masks.least[lane * kKnownPerWord + n]);
+  }
+  row.counts[known.slots.slotOf(lane)] = counts;
+}
+
 /// Remembers what an evaluation found out, one word of directions per lane.
 /// @param searched  whether the masks are of this point   @param before, after  baseCollisions
 __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& masks, bool searched, int before, int after,
                       int lane) {
   const KnownView& known = work.evaluation.known;
-  if (known.levels == nullptr) return;
+  if (!known.remembers()) return;
+  if (known.follows) {
+    if (searched) learnCounts(work, id, masks, lane);
+    return;
+  }
   const KnownSlots& slots = known.slots;
-  const bool has_word = lane < slots.words;
-  const int shift = 8 * (lane & 3);
-  const std::uint32_t counted = searched && has_word ? masks.counted[lane >> 2] >> shift & 0xffu : 0,
-                      arm_blocked = searched && has_word ? masks.arm_blocked[lane >> 2] >> shift & 0xffu : 0;
-  const bool learns = (counted | arm_blocked) != 0 || (has_word && before != after);
+  const FoundOut found = searched ? FoundOut(masks, slots, lane) : FoundOut();
+  const bool learns = (found.counted | found.arm_blocked) != 0 || (lane < slots.words && before != after);
   if (!__any_sync(kAllLanes, learns)) return;
   const KnownRow row(work.points, known, id);
   bool writes = false;
@@ -117,10 +166,10 @@ __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& mask
     const KnownLevels& scale = known.scale;
     const KnownWord word = row.wordOf(slots, lane);
     // Where the tool was counted, the corridor is free.
-    levels = (word.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
+    levels = (word.levels & ~known_word::spread(found.counted)) | known_word::spread(found.arm_blocked);
     if (before != after) levels = known_word::rebased(levels, after - before, scale.log2);
 #pragma unroll 1
-    for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
+    for (std::uint32_t bits = found.counted; bits != 0; bits &= bits - 1) {
       const int n = __ffs(static_cast<int>(bits)) - 1;
       const std::uint32_t level =
           scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n, scale.log2));
@@ -128,15 +177,7 @@ __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& mask
     }
     writes = levels != word.levels;
   }
-  if (known.notes != nullptr) {
-    // If two words need the same slot, the first one gets it.
-    const unsigned writing = __ballot_sync(kAllLanes, writes);
-    const auto isTaken = [&](int by) { return by >= 0 && (writing >> by & 1u) != 0; };
-    writes = writes && !isTaken(lane - slots.slots) && !isTaken(lane - 2 * slots.slots);
-    const std::uint32_t changes = __reduce_or_sync(kAllLanes, writes ? slots.changes(row.note, lane) : 0u);
-    if (lane == 0 && changes != 0) known.notes[id] = row.note ^ changes;
-  }
-  if (writes) row.levels[slots.slotOf(lane)] = levels;
+  if (takeSlot(known, id, row.note, writes, lane)) row.levels[slots.slotOf(lane)] = levels;
 }
 
 /// What is known about a point's directions, for a search.
@@ -197,18 +238,24 @@ __device__ bool armIsFree(const MapAround<Window>& around, const ApproachView& a
 }
 
 /// Finds the directions that are in question if the best one has `more` collisions more than before. All lanes call it.
-__device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int more, DirectionMask& asked, int lane) {
+__device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int base, int more, DirectionMask& asked,
+                                    int lane) {
   std::uint32_t worse = 0;
   const KnownView& known = work.evaluation.known;
-  if (known.levels != nullptr && lane < known.slots.words) {
-    const int log2 = known.scale.log2;
-    const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
-    constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
-    const KnownWord word = KnownRow(work.points, known, id).wordOf(known.slots, lane);
-    // No level guarantees more than kMost steps; beyond that only corridors count.
-    const std::uint64_t lowest = steps <= kMost ? word.freed.lowestWithMore(log2) + known_word::kEach * steps
-                                                : known_word::kEach * (KnownLevels::kMost + 1);
-    worse = known_word::worse(word.levels, lowest);
+  if (known.remembers() && lane < known.slots.words) {
+    const KnownRow row(work.points, known, id);
+    if (row.counts != nullptr) {
+      worse = row.countsOfWord(known.slots, lane).worse(base + more);
+    } else {
+      const int log2 = known.scale.log2;
+      const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
+      constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
+      const KnownWord word = row.wordOf(known.slots, lane);
+      // No level guarantees more than kMost steps; beyond that only corridors count.
+      const std::uint64_t lowest = steps <= kMost ? word.freed.lowestWithMore(log2) + known_word::kEach * steps
+                                                  : known_word::kEach * (KnownLevels::kMost + 1);
+      worse = known_word::worse(word.levels, lowest);
+    }
   }
   static_assert(sizeof(DirectionMask) == kWarp);
   reinterpret_cast<std::uint8_t*>(asked.word)[lane] = static_cast<std::uint8_t>(~worse);
@@ -238,7 +285,7 @@ struct WarpEvaluation {
   /// @return false if all of them are
   __device__ bool confirm(const Due& due) const {
     const int base = baseOf(work, point.id);
-    const BestNow best = bestNow(due.test_best);
+    const BestNow best = bestNow(due);
     if (best.all_in_question) {
       if (lane == 0) atomicAdd(&work.outcome->tests, 1ull);
       return false;
@@ -259,7 +306,7 @@ struct WarpEvaluation {
     }
     __syncwarp();
     if (best.became_worse) {
-      askUnlessKnownWorse(work, point.id, best.score - base, item.candidates, lane);
+      askUnlessKnownWorse(work, point.id, base, best.score - base, item.candidates, lane);
       __syncwarp();
     }
     if (accessible && lane == 0) item.candidates.word[best.direction >> 6] |= std::uint64_t{1} << (best.direction & 63);
@@ -313,19 +360,20 @@ struct WarpEvaluation {
     return searchByWarp(context, scratch.item);
   }
 
-  __device__ BestNow bestNow(std::uint8_t test_best) const {
+  __device__ BestNow bestNow(const Due& due) const {
     const PointStateView& points = work.points.points;
     const int limit = static_cast<int>(search.tool.collision_limit);
     BestNow best{limit - 1, kNoDirection};  // a blocked point: only free directions count
     if (points.label[point.id] != PointLabel::Accessible) return best;
-    best.score = points.score[point.id];
+    best.score = due.best_score != kNoScore ? due.best_score : points.score[point.id];
     best.direction = points.direction[point.id];
     best.roll = points.rollOf(static_cast<std::uint32_t>(point.id));
-    if (test_best == 0) return best;
+    best.all_in_question = best.score >= limit;
+    if (due.test_best == 0 || best.all_in_question) return best;
     best.tests = 1;
-    const int hits = testBest(test_best, best);
+    const int hits = testBest(due.test_best, best);
     if constexpr (Counter::kRolls) {
-      if ((test_best & kTestTool) != 0) best.roll = counter.roll;
+      if ((due.test_best & kTestTool) != 0) best.roll = counter.roll;
     }
     best.became_worse = hits > best.score;
     best.all_in_question = hits >= limit;

@@ -43,15 +43,19 @@ class DeviceExactUpdater final : public ExactUpdater {
     }
   }
 
-  void begin(const ScoringInput& input, FlipLists flips) override {
+  void begin(const ScoringInput& input, const FlipLists& flips) override {
     const CurrentDevice current(context_->device());
     const PointsView& points = points_.view();
     FlipsView by_place;
-    const bool any = points.groups.groups > 0 && totalSize(flips) > 0;
+    const bool any = points.groups.groups > 0 && totalSize(flips.leaves) > 0;
     if (any) by_place = flips_.take(flips, shared(), stream());
     forEachTool(input, [&](ToolUpdate& tool, const ToolInput& own) {
       tool.takeFlips(own, points, any ? &by_place : nullptr, input.map.inverse_voxel_size);
     });
+  }
+
+  [[nodiscard]] bool takesVoxels() const override {
+    return std::ranges::any_of(tools_, [](const auto& tool) { return tool->known().follows; });
   }
 
   void admit(const AdmitInput& input) override {

@@ -7,8 +7,10 @@
 /// it, lists their columns that hold flips, of which there are few, and looks up in the footprints what they mean.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
+#include "cuda/update/flips_near.cuh"
 #include "cuda/update/known_collisions.cuh"
 #include "cuda/update/masks_of_warp.cuh"
+#include "cuda/update/tile_of_leaf.cuh"
 #include "cuda/update/update_kernels.h"
 
 namespace accessvdb::kernels {
@@ -23,9 +25,6 @@ constexpr unsigned kGroupBlocks = 16;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
-__device__ std::uint64_t tileKey(std::int32_t x, std::int32_t y, std::int32_t part) {
-  return placeKey(x >> FlipsView::kTileLog2, y >> FlipsView::kTileLog2, part);
-}
 /// Index of a column of leaves in its tile.
 __device__ std::uint32_t placeInTile(std::int32_t x, std::int32_t y) {
   constexpr std::int32_t kSide = (1 << FlipsView::kTileLog2) - 1;
@@ -37,7 +36,7 @@ __global__ void findTiles(FlipsView flips, std::uint32_t count, std::uint32_t* n
   if (n >= count) return;
   const LeafFlips& flip = flips.list[n];
   bool is_new = false;
-  const std::uint32_t slot = flips.hash.insert(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4), is_new);
+  const std::uint32_t slot = flips.hash.insert(tileOfLeaf(flip.leaf), is_new);
   if (is_new) flips.tile_at[slot] = atomicAdd(num_tiles, 1u);
 }
 
@@ -45,7 +44,7 @@ __global__ void addFlips(FlipsView flips, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
   const LeafFlips& flip = flips.list[n];
-  const std::uint32_t slot = flips.hash.find(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
+  const std::uint32_t slot = flips.hash.find(tileOfLeaf(flip.leaf));
   const std::uint32_t tile = flips.tile_at[slot], place = placeInTile(flip.leaf[0], flip.leaf[1]);
   const std::size_t column = std::size_t{tile} * FlipsView::kColumns + place;
   atomicOr(reinterpret_cast<unsigned long long*>(flips.occupied + tile), 1ull << place);
@@ -55,7 +54,8 @@ __global__ void addFlips(FlipsView flips, std::uint32_t count) {
   }
   atomicOr(reinterpret_cast<unsigned long long*>(flips.kinds + column), static_cast<unsigned long long>(bits));
   if (flip.freed != 0) flips.links[n] = {atomicExch(flips.head + column, n), flip.leaf[2]};
-  if (flip.freed_columns != 0) flips.arm_links[n] = {atomicExch(flips.arm_head + column, n), flip.leaf[2]};
+  if ((flip.freed_columns | flip.blocked_columns) != 0)
+    flips.arm_links[n] = {atomicExch(flips.arm_head + column, n), flip.leaf[2]};
 }
 
 /// What a lane needs to read this update's flips.
@@ -64,18 +64,6 @@ struct FlipScope {
   const FlipsView& flips;
   int lane;
 };
-
-/// Calls visit(n, whether it is wanted) with one flipped leaf of a column per lane; those in layers z_low .. z_high are
-/// wanted. All lanes call it, and visit. @param n  the first leaf, or kNoIndex: there is none
-template <class Visit>
-__device__ void forEachInLayers(const FlipLink* links, std::uint32_t n, std::int32_t z_low, std::int32_t z_high,
-                                const Visit& visit) {
-  while (__any_sync(kAllLanes, n != kNoIndex)) {
-    const FlipLink link = n != kNoIndex ? links[n] : FlipLink{kNoIndex, 0};
-    visit(n, n != kNoIndex && link.z >= z_low && link.z <= z_high);
-    n = link.next;
-  }
-}
 
 /// Leaves in which voxels stopped colliding that a warp gathers at a time.
 constexpr int kMostGathered = 128;
@@ -123,40 +111,40 @@ class FreedLeaves {
   int lane_, count_ = 0;
 };
 
-/// Gathers the leaves in which voxels became free for the corridors of a group's points, with a warp.
+/// Gathers the leaves in which voxels became free for the corridors of a group's points, or ceased to be, with a warp.
 class ArmLeaves {
  public:
-  /// @param leaves  shared by the warp; null: nothing is gathered
-  __device__ ArmLeaves(FreedLeavesOfArm* leaves, int lane) : leaves_(leaves), lane_(lane) {}
+  /// @param leaves  shared by the warp; null: nothing is gathered  @param freed  or those that ceased to be free
+  __device__ ArmLeaves(LeavesOfArm* leaves, bool freed, int lane) : leaves_(leaves), freed_(freed), lane_(lane) {}
 
   /// Adds one column per lane, or none: kNoIndex. All lanes call it.
   __device__ void add(std::uint32_t column) {
     if (leaves_ == nullptr) return;
     const unsigned all = __ballot_sync(kAllLanes, column != kNoIndex);
     const int at = count_ + __popc(all & ((1u << lane_) - 1u));
-    if (column != kNoIndex && at < FreedLeavesOfArm::kMostColumns) leaves_->columns[at] = column;
+    if (column != kNoIndex && at < LeavesOfArm::kMostColumns) leaves_->columns[at] = column;
     count_ += __popc(all);
   }
   /// Lists the leaves in layers z_low .. z_high. All lanes call it.
   /// @return null if there may be more
-  __device__ FreedLeavesOfArm* list(const FlipsView& flips, std::int32_t z_low, std::int32_t z_high) const {
-    if (leaves_ == nullptr || count_ > FreedLeavesOfArm::kMostColumns) return nullptr;
+  __device__ LeavesOfArm* list(const FlipsView& flips, std::int32_t z_low, std::int32_t z_high) const {
+    if (leaves_ == nullptr || count_ > LeavesOfArm::kMostColumns) return nullptr;
     __syncwarp();
     int listed = 0;
     for (int first = 0; first < count_; first += static_cast<int>(kWarp)) {
       const std::uint32_t head = first + lane_ < count_ ? flips.arm_head[leaves_->columns[first + lane_]] : kNoIndex;
       forEachInLayers(flips.arm_links, head, z_low, z_high, [&](std::uint32_t n, bool wanted) {
+        wanted = wanted && heightsOf(flips.list[n]) != 0;
         const unsigned all = __ballot_sync(kAllLanes, wanted);
         const int at = listed + __popc(all & ((1u << lane_) - 1u));
-        if (wanted && at < FreedLeavesOfArm::kMost) leaves_->index[at] = n;
+        if (wanted && at < LeavesOfArm::kMost) leaves_->index[at] = n;
         listed += __popc(all);
       });
     }
-    if (listed > FreedLeavesOfArm::kMost) return nullptr;
+    if (listed > LeavesOfArm::kMost) return nullptr;
     __syncwarp();
     for (int first = 0; first < listed; first += static_cast<int>(kWarp)) {
-      const std::uint32_t heights =
-          first + lane_ < listed ? flips.list[leaves_->index[first + lane_]].freed_heights : 0;
+      const std::uint32_t heights = first + lane_ < listed ? heightsOf(flips.list[leaves_->index[first + lane_]]) : 0;
       std::uint32_t mine = 0;
       for (int z = 0; z < 8; ++z) {
         const unsigned all = __ballot_sync(kAllLanes, (heights >> z & 1u) != 0);
@@ -170,29 +158,14 @@ class ArmLeaves {
   }
 
  private:
-  FreedLeavesOfArm* leaves_;
+  [[nodiscard]] __device__ std::uint32_t heightsOf(const LeafFlips& flips) const {
+    return freed_ ? flips.freed_heights : flips.blocked_heights;
+  }
+
+  LeavesOfArm* leaves_;
+  bool freed_;
   int lane_, count_ = 0;
 };
-
-/// A tile near a group, seen from the group's first leaf; one tile per lane.
-struct TileNear {
-  std::uint32_t tile = kNoIndex;
-  std::int32_t dx = 0, dy = 0, dz = 0;  ///< [leaves] to its lowest corner
-  std::uint64_t occupied = 0;           ///< FlipsView::occupied
-};
-
-__device__ TileNear tileNear(const FlipsView& flips, std::uint64_t key, std::int32_t dx, std::int32_t dy,
-                             std::int32_t dz) {
-  TileNear near = {kNoIndex, dx, dy, dz, 0};
-  const std::uint32_t slot = flips.hash.find(key);
-  if (slot == kNoIndex) return near;
-  near.tile = flips.tile_at[slot];
-  near.occupied = flips.occupied[near.tile];
-  return near;
-}
-
-/// Columns of flips that a warp lists at a time.
-constexpr int kMostListed = 256;
 
 /// Finds out with one warp what flips mean for a group.
 /// @tparam kByLeaf  whether the footprint has a set of directions for each leaf (FootprintView::heights)
@@ -203,7 +176,7 @@ class GroupScan {
   struct Found {
     MasksOfWarp& masks;
     FreedLeaves<kByLeaf>& freed;
-    ArmLeaves& arms;
+    ArmLeaves &freed_arms, &blocked_arms;
   };
   /// @param leaf  the group's first leaf  @param list  [kMostListed] shared by the warp
   __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, const Found& found)
@@ -212,79 +185,27 @@ class GroupScan {
         list_(list),
         masks_(found.masks),
         freed_(found.freed),
-        arms_(found.arms),
+        freed_arms_(found.freed_arms),
+        blocked_arms_(found.blocked_arms),
         lane_(scope.lane) {}
 
   /// All lanes.
   __device__ void scanAll() {
-    constexpr int kLog2[3] = {FlipsView::kTileLog2, FlipsView::kTileLog2, 4};
-    std::int32_t low[3], size[3];  // [tiles]
-    for (int axis = 0; axis < 3; ++axis) {
-      low[axis] = (leaf_[axis] + scope_.context.footprint.low[axis]) >> kLog2[axis];
-      size[axis] = ((leaf_[axis] + scope_.context.footprint.high[axis]) >> kLog2[axis]) - low[axis] + 1;
-    }
-    const int count = size[0] * size[1] * size[2];
-    for (int base = 0; base < count; base += static_cast<int>(kWarp)) {
-      const int n = base + lane_;
-      TileNear near;
-      if (n < count) {
-        const std::int32_t x = low[0] + n / size[2] / size[1], y = low[1] + n / size[2] % size[1],
-                           z = low[2] + n % size[2];
-        near = tileNear(scope_.flips, placeKey(x, y, z), (x << kLog2[0]) - leaf_[0], (y << kLog2[1]) - leaf_[1],
-                        (z << kLog2[2]) - leaf_[2]);
+    const FootprintView& footprint = scope_.context.footprint;
+    const auto take = [&](const ColumnNear& near) {
+      const FootprintPlace at = near.there ? footprint.at(near.dx, near.dy) : FootprintPlace{};
+      const std::uint64_t bits = near.there ? scope_.flips.kinds[near.column] : 0;
+      if constexpr (kByLeaf) {
+        const FootprintPlace height = near.there ? footprint.heightAt(near.dx, near.dy) : FootprintPlace{};
+        takeLeaves(at, height, near.dz, bits, near.column);
+      } else {
+        takeColumn(at, near.dz, bits, near.column);
       }
-      scanTiles(near);
-    }
+    };
+    ColumnsNear(scope_.flips, leaf_, list_, lane_, take).scan(footprint.low, footprint.high);
   }
 
  private:
-  /// One tile per lane.
-  __device__ void scanTiles(const TileNear& mine) {
-    int listed = 0;
-    for (unsigned left = __ballot_sync(kAllLanes, mine.occupied != 0); left != 0; left &= left - 1) {
-      const int owner = __ffs(static_cast<int>(left)) - 1;
-      const std::uint64_t occupied = __shfl_sync(kAllLanes, mine.occupied, owner);
-#pragma unroll
-      for (int half = 0; half < 2; ++half) {
-        const auto some = static_cast<std::uint32_t>(occupied >> (32 * half));
-        if ((some >> lane_ & 1u) != 0) {
-          list_[listed + __popc(some & ((1u << lane_) - 1u))] =
-              static_cast<std::uint16_t>(owner << 6 | half << 5 | lane_);
-        }
-        listed += __popc(some);
-      }
-      if (listed > kMostListed - 64) {
-        scanListed(mine, listed);
-        listed = 0;
-      }
-    }
-    scanListed(mine, listed);
-  }
-
-  /// One column per lane.
-  __device__ void scanListed(const TileNear& mine, int count) {
-    __syncwarp();
-    for (int first = 0; first < count; first += static_cast<int>(kWarp)) {
-      const int n = first + lane_;
-      const bool there = n < count;
-      const std::uint32_t entry = list_[there ? n : 0], place = entry & 63u;
-      const int owner = static_cast<int>(entry >> 6);
-      const std::uint32_t column = __shfl_sync(kAllLanes, mine.tile, owner) * FlipsView::kColumns + place;
-      const std::int32_t dx = __shfl_sync(kAllLanes, mine.dx, owner) + static_cast<std::int32_t>(place >> 3),
-                         dy = __shfl_sync(kAllLanes, mine.dy, owner) + static_cast<std::int32_t>(place & 7u),
-                         dz = __shfl_sync(kAllLanes, mine.dz, owner);
-      const FootprintPlace at = there ? scope_.context.footprint.at(dx, dy) : FootprintPlace{};
-      const std::uint64_t bits = there ? scope_.flips.kinds[column] : 0;
-      if constexpr (kByLeaf) {
-        const FootprintPlace height = there ? scope_.context.footprint.heightAt(dx, dy) : FootprintPlace{};
-        takeLeaves(at, height, dz, bits, column);
-      } else {
-        takeColumn(at, dz, bits, column);
-      }
-    }
-    __syncwarp();  // the list is overwritten next
-  }
-
   /// One column of flips per lane, with one set of directions for all of its leaves. All lanes.
   __device__ void takeColumn(const FootprintPlace& at, std::int32_t dz, std::uint64_t bits, std::uint32_t column) {
     const FootprintColumn *const of_tool = scope_.context.footprint.tool, *const of_arm = scope_.context.footprint.arm;
@@ -296,7 +217,8 @@ class GroupScan {
     freed_.add(is_freed ? column : kNoIndex, leaf_[2] + z_low, leaf_[2] + z_high);
     const std::uint32_t arm = kindsIn(of_arm, at.arm, dz, bits);
     take(of_arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
-    arms_.add((arm & 4u) != 0 ? column : kNoIndex);
+    freed_arms_.add((arm & 4u) != 0 ? column : kNoIndex);
+    blocked_arms_.add((arm & 8u) != 0 ? column : kNoIndex);
   }
 
   /// One column of flips per lane, with a set of directions for each of its leaves. All lanes.
@@ -380,7 +302,7 @@ class GroupScan {
   std::uint16_t* list_;
   MasksOfWarp& masks_;
   FreedLeaves<kByLeaf>& freed_;
-  ArmLeaves& arms_;
+  ArmLeaves &freed_arms_, &blocked_arms_;
   int lane_;
 };
 
@@ -390,7 +312,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kGroupBlocks)
     groupMasks(FlipContext context, FlipsView flips, GroupMasksView out) {
   __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][kMostGathered];
   __shared__ std::uint16_t all_lists[kWarps][kMostListed];
-  __shared__ FreedLeavesOfArm all_arm_leaves[kWarps];
+  __shared__ LeavesOfArm all_freed_arms[kWarps], all_blocked_arms[kWarps];
   const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
   if (group >= context.groups.groups) return;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
@@ -398,20 +320,25 @@ __global__ void __launch_bounds__(kWarps* kWarp, kGroupBlocks)
   MasksOfWarp masks(lane);
   if (context.groups.with_points[group] != 0) {
     const std::int32_t* leaf = context.groups.leaf + 3 * static_cast<std::size_t>(group);
-    std::uint32_t* steps = context.known.levels != nullptr ? all_steps[warp] : nullptr;
+    const bool remembers = context.known.remembers();
     for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) all_steps[warp][n] = 0;
     __syncwarp();
     const FlipScope scope = {context, flips, lane};
-    FreedLeaves<kByLeaf> freed(scope, leaf, all_freed[warp], steps);
-    const bool by_corridor = !kByLeaf && steps != nullptr && context.corridors.table != nullptr;
-    ArmLeaves arms(by_corridor ? &all_arm_leaves[warp] : nullptr, lane);
-    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], {masks, freed, arms}).scanAll();
+    std::uint32_t* const steps = all_steps[warp];
+    FreedLeaves<kByLeaf> freed(scope, leaf, all_freed[warp], remembers ? steps : nullptr);
+    const bool by_corridor = !kByLeaf && remembers && context.corridors.table != nullptr;
+    ArmLeaves freed_arms(by_corridor ? &all_freed_arms[warp] : nullptr, true, lane),
+        blocked_arms(by_corridor ? &all_blocked_arms[warp] : nullptr, false, lane);
+    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], {masks, freed, freed_arms, blocked_arms}).scanAll();
     freed.count();
-    if (steps != nullptr && masks.any(2)) {  // the better masks come first
-      const std::int32_t highest = leaf[2] + (1 << context.groups.log2) - 1;
+    const std::int32_t highest = leaf[2] + (1 << context.groups.log2) - 1;
+    if (remembers && masks.any(2)) {  // the better masks come first
       const Ageing ageing = {steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), flips.list,
-                             arms.list(flips, leaf[2], highest)};
+                             freed_arms.list(flips, leaf[2], highest)};
       masks.limitBetter(agePoints(context, group, ageing, lane));
+    }
+    if (out.arm_bits != nullptr && masks.any(MasksOfWarp::kWorseArm)) {
+      markBlocked(context, group, flips.list, blocked_arms.list(flips, leaf[2], highest), out.arm_bits, lane);
     }
   }
   masks.store(out.masks[group]);

@@ -9,8 +9,8 @@
 
 namespace accessvdb::kernels {
 
-FlipsView FlipTables::take(FlipLists flips, DeviceCounters& counters, cudaStream_t stream) {
-  const std::size_t count = totalSize(flips);
+FlipsView FlipTables::take(const FlipLists& flips, DeviceCounters& counters, cudaStream_t stream) {
+  const std::size_t count = totalSize(flips.leaves);
   const std::size_t capacity = std::bit_ceil(2 * count + 64);
   keys_.grow(memory_, capacity, 0);
   tiles_.grow(memory_, capacity, 0);
@@ -22,7 +22,9 @@ FlipsView FlipTables::take(FlipLists flips, DeviceCounters& counters, cudaStream
   by_place.tile_at = tiles_.data();
   by_place.links = links_.data();
   by_place.arm_links = arm_links_.data();
-  const DeviceList<LeafFlips> list = list_.send(flips, memory_, stream);
+  const DeviceList<LeafFlips> list = list_.send(flips.leaves, memory_, stream);
+  const DeviceList<std::uint16_t> voxels = voxels_.send(flips.voxels, memory_, stream);
+  by_place.voxels = voxels.data;
   by_place.list = list.data;
   launchFindTiles(by_place, list.count, &counters.data()->flip_tiles, stream);
   const std::size_t tiles = counters.read(stream).flip_tiles, columns = tiles * FlipsView::kColumns;
@@ -37,6 +39,13 @@ FlipsView FlipTables::take(FlipLists flips, DeviceCounters& counters, cudaStream
   by_place.head = heads_.data();
   by_place.arm_head = arm_heads_.data();
   launchAddFlips(by_place, list.count, stream);
+  if (voxels.count > 0) {
+    by_layer_.growWithRoom(memory_, voxels.count, roomFor(voxels.count), 0);
+    layer_begin_.growWithRoom(memory_, tiles * FlipsView::kLayers + 1, roomFor(tiles * FlipsView::kLayers + 1), 0);
+    by_place.by_layer = by_layer_.data();
+    by_place.layer_begin = layer_begin_.data();
+    launchSortVoxels(by_place, list.count, static_cast<std::uint32_t>(tiles), stream);
+  }
   return by_place;
 }
 

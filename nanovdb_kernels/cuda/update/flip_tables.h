@@ -20,11 +20,13 @@ class FlipTables {
 
   /// Takes the flips, of which there is at least one. Waits for the device, but returns before it is done.
   /// @return valid for work queued before the next call
-  [[nodiscard]] FlipsView take(FlipLists flips, DeviceCounters& counters, cudaStream_t stream);
+  [[nodiscard]] FlipsView take(const FlipLists& flips, DeviceCounters& counters, cudaStream_t stream);
 
  private:
   DeviceMemory& memory_;
   Staging<LeafFlips> list_;
+  Staging<std::uint16_t> voxels_;
+  DeviceArray<std::uint32_t> by_layer_, layer_begin_;
   DeviceArray<std::uint64_t> keys_, occupied_, kinds_;
   DeviceArray<std::uint32_t> heads_, arm_heads_, tiles_;
   DeviceArray<FlipLink> links_, arm_links_;

@@ -29,11 +29,17 @@ class GroupMaskTable {
 
   void clear() { view_ = {}; }
   /// Finds those directions, and ages what is known about them. Only queues work.
-  void make(const FlipContext& context, const FlipsView& flips, cudaStream_t stream) {
+  void make(const FlipContext& context, std::uint32_t points, const FlipsView& flips, cudaStream_t stream) {
     masked_groups_ = context.groups.groups;
     masks_.grow(masked_groups_);
     affected_.growWithRoom(memory_, masked_groups_, roomFor(masked_groups_), 0);
-    view_ = {masks_.data(), affected_.data()};
+    view_ = {masks_.data(), affected_.data(), nullptr};
+    if (context.corridors.table != nullptr && context.known.remembers()) {
+      const std::size_t words = (points + 31) / 32;
+      arm_bits_.growWithRoom(memory_, words, roomFor(words), 0);
+      fillBytes(arm_bits_.data(), 0, words * sizeof(std::uint32_t), stream);
+      view_.arm_bits = arm_bits_.data();
+    }
     launchGroupMasks(context, flips, view_, stream);
   }
   /// Adds groups that are new since then: nothing is known about their points that flips could change.
@@ -42,7 +48,8 @@ class GroupMaskTable {
     masks_.grow(groups);
     affected_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
     fillBytes(affected_.data() + masked_groups_, 0, groups - masked_groups_, stream);
-    view_ = {masks_.data(), affected_.data()};
+    view_.masks = masks_.data();
+    view_.affected = affected_.data();
     masked_groups_ = groups;
   }
 
@@ -51,6 +58,7 @@ class GroupMaskTable {
   GroupMasksView view_;
   RangeArray<GroupMasks> masks_;
   DeviceArray<std::uint8_t> affected_;
+  DeviceArray<std::uint32_t> arm_bits_;
   std::uint32_t masked_groups_ = 0;
 };
 

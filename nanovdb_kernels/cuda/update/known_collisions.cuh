@@ -11,6 +11,7 @@
 #include "cuda/search/warp.cuh"
 #include "cuda/update/update_kernels.h"
 #include "hostdev/cell_counts.h"
+#include "hostdev/known_counts.h"
 #include "hostdev/known_levels.h"
 
 namespace accessvdb::kernels {
@@ -35,6 +36,20 @@ __device__ inline void stepSet(const DirectionMask& set, std::uint32_t count, st
     for (std::uint64_t down = shifted & ~bits; down != 0; down &= down - 1) {
       atomicAdd(steps + 64 * w + lowestBit(down), 0u - count);
     }
+  }
+}
+
+/// countFreed for an arc.
+__device__ inline void addArcSteps(const DirectionArc& arc, std::uint32_t count, std::uint32_t directions,
+                                   std::uint32_t* steps) {
+  if (arc.count == 0) return;
+  const std::uint32_t end = arc.first + std::uint32_t{arc.count};
+  atomicAdd(steps + arc.first, count);
+  if (end < directions) {
+    atomicAdd(steps + end, 0u - count);
+  } else if (end > directions) {  // wraps around
+    atomicAdd(steps, count);
+    atomicAdd(steps + end - directions, 0u - count);
   }
 }
 
@@ -63,17 +78,7 @@ __device__ void countFreed(const FlipContext& context, const std::int32_t* leaf,
   if constexpr (kSets) {
     stepSet(cells.sets[entry], count, steps);
   } else {
-    const DirectionArc arc = cells.table[entry];
-    if (arc.count == 0) return;
-    const auto directions = static_cast<std::uint32_t>(context.num_directions);
-    const std::uint32_t end = arc.first + std::uint32_t{arc.count};
-    atomicAdd(steps + arc.first, count);
-    if (end < directions) {
-      atomicAdd(steps + end, 0u - count);
-    } else if (end > directions) {  // wraps around
-      atomicAdd(steps, count);
-      atomicAdd(steps + end - directions, 0u - count);
-    }
+    addArcSteps(cells.table[entry], count, static_cast<std::uint32_t>(context.num_directions), steps);
   }
 }
 
@@ -93,53 +98,102 @@ struct KnownWord {
   FreedWord freed;
 };
 
+/// What is known about eight directions where bounds follow flips.
+struct alignas(16) KnownCounts {
+  std::uint16_t of[kKnownPerWord];
+
+  [[nodiscard]] static __device__ KnownCounts unknown() {
+    KnownCounts counts;
+#pragma unroll
+    for (std::uint16_t& count : counts.of) count = known_count::kUnknown;
+    return counts;
+  }
+  /// Directions that need no test, one bit each: those with a blocked corridor, or with more collisions than this.
+  [[nodiscard]] __device__ std::uint32_t worse(int most) const {
+    std::uint32_t bits = 0;
+#pragma unroll
+    for (int n = 0; n < kKnownPerWord; ++n) {
+      const std::uint16_t bound = known_count::boundOf(of[n]);
+      const bool above = bound != known_count::kUnknown && bound > most;
+      bits |= (above || (of[n] & known_count::kArmBlocked) != 0 ? 1u : 0u) << n;
+    }
+    return bits;
+  }
+};
+
 /// Where what is known about a point is.
 struct KnownRow {
   std::uint64_t* levels;   ///< [slots.slots]
   const FreedWord* freed;  ///< [slots.words] of its group
+  KnownCounts* counts;     ///< [slots.slots] in place of both, where bounds follow flips; else null
   std::uint32_t note;      ///< what the slots hold
 
   __device__ KnownRow(const PointsView& points, const KnownView& known, std::size_t id)
-      : levels(levelsOf(known, id)),
-        freed(known.freed +
-              points.groupOf(static_cast<std::uint32_t>(id)) * static_cast<std::size_t>(known.slots.words)),
+      : levels(known.follows ? nullptr : levelsOf(known, id)),
+        freed(known.follows ? nullptr
+                            : known.freed + points.groupOf(static_cast<std::uint32_t>(id)) *
+                                                static_cast<std::size_t>(known.slots.words)),
+        counts(known.follows ? countsOf(known, id) : nullptr),
         note(noteOf(known, id)) {}
 
   [[nodiscard]] __device__ KnownWord wordOf(const KnownSlots& slots, int word) const {
     return {slots.holds(note, word) ? levels[slots.slotOf(word)] : 0, freed[word]};
   }
+  [[nodiscard]] __device__ KnownCounts countsOfWord(const KnownSlots& slots, int word) const {
+    return slots.holds(note, word) ? counts[slots.slotOf(word)] : KnownCounts::unknown();
+  }
 
   [[nodiscard]] static __device__ std::uint64_t* levelsOf(const KnownView& known, std::size_t id) {
     return known.levels + id * static_cast<std::size_t>(known.slots.slots);
+  }
+  [[nodiscard]] static __device__ KnownCounts* countsOf(const KnownView& known, std::size_t id) {
+    return reinterpret_cast<KnownCounts*>(known.counts) + id * static_cast<std::size_t>(known.slots.slots);
   }
   [[nodiscard]] static __device__ std::uint32_t noteOf(const KnownView& known, std::size_t id) {
     return known.notes != nullptr ? known.notes[id] : 0;
   }
 };
 
-/// The `asked` directions that may be better than what the levels count from, and whose corridor is not known to be
-/// blocked. Reads a word of eight directions only if one of them is asked for.
+/// The `asked` directions that may be better than what the levels count from, or have at most `most` collisions, and
+/// whose corridor is not known to be blocked. Reads a word of eight directions only if one of them is asked for.
 /// @param w, asked  directions 64 w .. 64 w + 63
 __device__ inline std::uint64_t notKnownWorse(const PointsView& points, const KnownView& known, std::size_t id, int w,
-                                              std::uint64_t asked) {
-  if (known.levels == nullptr || asked == 0) return asked;
+                                              std::uint64_t asked, int most) {
+  if (!known.remembers() || asked == 0) return asked;
   const KnownRow row(points, known, id);
 #pragma unroll 1
   for (int byte = 0; byte < 8 && asked >> (8 * byte) != 0; ++byte) {
     if ((asked >> (8 * byte) & 0xffu) == 0) continue;
-    const KnownWord word = row.wordOf(known.slots, 8 * w + byte);
-    const std::uint64_t worse = known_word::worse(word.levels, word.freed.lowestWithMore(known.scale.log2));
+    std::uint64_t worse = 0;
+    if (row.counts != nullptr) {
+      worse = row.countsOfWord(known.slots, 8 * w + byte).worse(most);
+    } else {
+      const KnownWord word = row.wordOf(known.slots, 8 * w + byte);
+      worse = known_word::worse(word.levels, word.freed.lowestWithMore(known.scale.log2));
+    }
     asked &= ~(worse << (8 * byte));
   }
   return asked;
+}
+
+/// The bound of direction d that follows flips; of an accessible point's best direction, its collisions.
+__device__ inline std::uint16_t knownCount(const KnownView& known, const KnownRow& row, int d) {
+  const int word = d / kKnownPerWord;
+  if (!known.slots.holds(row.note, word)) return known_count::kUnknown;
+  return known_count::boundOf(row.counts[known.slots.slotOf(word)].of[d % kKnownPerWord]);
 }
 
 /// Lower bound of a point's collisions in direction d; 0: nothing is known.
 /// @param base  baseCollisions
 __device__ inline int knownCollisions(const PointsView& points, const KnownView& known, std::size_t id, int base,
                                       int d) {
-  if (known.levels == nullptr) return 0;
-  const KnownWord word = KnownRow(points, known, id).wordOf(known.slots, d / kKnownPerWord);
+  if (!known.remembers()) return 0;
+  const KnownRow row(points, known, id);
+  if (row.counts != nullptr) {
+    const std::uint16_t count = knownCount(known, row, d);
+    return count == known_count::kUnknown ? 0 : count;
+  }
+  const KnownWord word = row.wordOf(known.slots, d / kKnownPerWord);
   const int n = d % kKnownPerWord;
   const std::uint32_t level = known_word::levelIn(word.levels, n);
   if (level == 0) return 0;
@@ -177,11 +231,11 @@ __device__ void forEachPoint(const FlipContext& context, std::uint32_t group, in
   }
 }
 
-/// Leaves around a group in which voxels became free for a corridor, in memory that a warp shares.
-struct FreedLeavesOfArm {
+/// Leaves around a group in which voxels became free for a corridor, or ceased to be, in memory that a warp shares.
+struct LeavesOfArm {
   static constexpr int kMost = 256, kMostColumns = 256;
   std::uint32_t index[kMost];                 ///< in FlipsView::list
-  std::uint32_t at_height[kMost / kWarp][8];  ///< [n / 32][z] bit n % 32: voxels at this height became free
+  std::uint32_t at_height[kMost / kWarp][8];  ///< [n / 32][z] bit n % 32: it has such voxels at this height
   int count;
   union {
     std::uint32_t columns[kMostColumns];  ///< until the leaves are listed: columns of flips that hold them
@@ -194,9 +248,9 @@ inline constexpr int kMostFreedColumns = 16;
 
 /// Directions of a point whose corridor may have become free. One lane calls it.
 __device__ inline DirectionMask freedCorridors(const FlipContext& context, const LeafFlips* flips,
-                                               const FreedLeavesOfArm& leaves, const std::int32_t* group_leaf,
+                                               const LeavesOfArm& leaves, const std::int32_t* group_leaf,
                                                std::uint32_t id) {
-  const float* p = context.position_L + 3 * std::size_t{id};
+  const float* p = context.points.position_L + 3 * std::size_t{id};
   const Coord ijk = voxelOf(p[0], p[1], p[2], context.inverse_voxel_size);
   DirectionMask directions = {};
 #pragma unroll 1
@@ -216,13 +270,33 @@ __device__ inline DirectionMask freedCorridors(const FlipContext& context, const
   return directions;
 }
 
+/// Whether the corridor of a point's best direction may have become blocked. One lane calls it.
+__device__ inline bool bestArmMayBeBlocked(const FlipContext& context, const LeafFlips* flips,
+                                           const LeavesOfArm& leaves, std::uint32_t id) {
+  const float* p = context.points.position_L + 3 * std::size_t{id};
+  const Coord ijk = voxelOf(p[0], p[1], p[2], context.inverse_voxel_size);
+  const int direction = context.points.direction[id];
+#pragma unroll 1
+  for (int first = 0; first < leaves.count; first += static_cast<int>(kWarp)) {
+#pragma unroll 1
+    for (std::uint32_t left = leaves.at_height[first / kWarp][ijk[2] & 7]; left != 0; left &= left - 1) {
+      const LeafFlips& flip = flips[leaves.index[first + __ffs(static_cast<int>(left)) - 1]];
+      if (flip.leaf[2] != ijk[2] >> 3) continue;
+      if (corridorMayPass(context.corridors, {flip.blocked_columns, flip.leaf[0], flip.leaf[1]}, ijk, direction)) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
 /// What flips mean for what is known about the points of a group.
 struct Ageing {
   std::uint32_t* steps;      ///< see countFreed; overwritten
   bool too_many;             ///< there are more leaves than kMostCountedLeaves: the steps are too low
   std::uint32_t better_arm;  ///< directions 32 (lane / 4) .. + 31 whose corridor may have become free
   const LeafFlips* flips;
-  FreedLeavesOfArm* leaves;  ///< to decide point by point; null: `better_arm` decides for all
+  LeavesOfArm* leaves;  ///< to decide point by point; null: `better_arm` decides for all
 };
 
 /// Directions that may have become better at a point of a group: fewer than the masks by leaf name. Spread over the
@@ -231,6 +305,58 @@ struct Improvable {
   std::uint32_t tool;  ///< directions 32 lane .. 32 lane + 31 in the first kDirectionWords32 lanes; all ones in others
   std::uint32_t arm;   ///< directions 8 lane .. 8 lane + 7
 };
+
+/// Marks the accessible points of a group whose best direction's corridor may have become blocked. One warp calls it.
+/// @param leaves  null: there are too many to look  @param bits  GroupMasksView::arm_bits
+__device__ inline void markBlocked(const FlipContext& context, std::uint32_t group, const LeafFlips* flips,
+                                   const LeavesOfArm* leaves, std::uint32_t* bits, int lane) {
+  forEachPoint(context, group, lane, [&](std::uint32_t id) {
+    if (id == kNoIndex || context.points.label[id] != PointLabel::Accessible) return;
+    if (leaves == nullptr || bestArmMayBeBlocked(context, flips, *leaves, id)) {
+      atomicOr(bits + (id >> 5), 1u << (id & 31));
+    }
+  });
+}
+
+/// Forgets which corridors are blocked, of some points and a word per lane.
+template <int kPoints>
+__device__ void forgetCorridors(const KnownView& known, const std::size_t (&ids)[kPoints], const bool (&some)[kPoints],
+                                const std::uint32_t (&freed)[kPoints], int lane) {
+  const int slot = known.slots.slotOf(lane);
+  KnownCounts before[kPoints];
+#pragma unroll
+  for (int i = 0; i < kPoints; ++i) {
+    if (some[i]) before[i] = KnownRow::countsOf(known, ids[i])[slot];
+  }
+#pragma unroll
+  for (int i = 0; i < kPoints; ++i) {
+    if (!some[i]) continue;
+    KnownCounts after = before[i];
+    bool changes = false;
+#pragma unroll
+    for (int n = 0; n < kKnownPerWord; ++n) {
+      if ((freed[i] >> n & 1u) == 0 || (after.of[n] & known_count::kArmBlocked) == 0) continue;
+      after.of[n] = known_count::boundOf(after.of[n]);
+      changes = true;
+    }
+    if (changes) KnownRow::countsOf(known, ids[i])[slot] = after;
+  }
+}
+/// The same for levels, which are lowered, too. @param less  by how much, of this lane's word
+template <int kPoints>
+__device__ void lowerLevels(const KnownView& known, const std::size_t (&ids)[kPoints], const bool (&some)[kPoints],
+                            const std::uint32_t (&freed)[kPoints], std::uint64_t less, int lane) {
+  const int slot = known.slots.slotOf(lane);
+  std::uint64_t before[kPoints];
+#pragma unroll
+  for (int i = 0; i < kPoints; ++i) before[i] = some[i] ? KnownRow::levelsOf(known, ids[i])[slot] : 0;
+#pragma unroll
+  for (int i = 0; i < kPoints; ++i) {
+    if (before[i] == 0) continue;  // nothing is known
+    const std::uint64_t after = known_word::lowered(before[i], less) & ~known_word::spread(freed[i]);
+    if (after != before[i]) KnownRow::levelsOf(known, ids[i])[slot] = after;
+  }
+}
 
 /// Ages what is known about the points of a group. One warp calls it. @return the directions that may have become
 /// better
@@ -255,7 +381,13 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
   const std::uint32_t arms = ageing.better_arm >> (8 * (lane & 3)) & 0xffu;
   std::uint64_t less = 0;
   bool ages = false;
-  if (lane < words) {
+  if (known.follows) {
+    // followFlips() reads them, once all flips are there.
+    std::uint16_t* const lost = known.lost + group * static_cast<std::size_t>(words * kKnownPerWord);
+    for (int d = lane; d < words * kKnownPerWord; d += static_cast<int>(kWarp)) {
+      lost[d] = static_cast<std::uint16_t>(ageing.too_many || steps[d] > 0xffffu ? 0xffffu : steps[d]);
+    }
+  } else if (lane < words) {
     FreedWord& counter = known.freed[group * static_cast<std::size_t>(words) + static_cast<std::size_t>(lane)];
     FreedWord freed = counter;
     ages = freed.add(steps + kKnownPerWord * lane, ageing.too_many, known.scale.log2, less);
@@ -275,13 +407,9 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
     constexpr int kTogether = 8;
     const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
     for (int first = 0; first < points; first += kTogether) {
-      std::uint64_t* levels[kTogether];
-      std::uint64_t before[kTogether];
       std::uint32_t freed[kTogether];
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {
-        const std::uint32_t point = __shfl_sync(kAllLanes, id, first + i);
-        levels[i] = KnownRow::levelsOf(known, point) + slots.slotOf(lane);
         const bool there = lane < words && first + i < points;
         freed[i] = there ? arms : 0;
         if (there && ageing.leaves != nullptr) {
@@ -289,15 +417,19 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
           freed[i] = reinterpret_cast<const std::uint8_t*>(&ageing.leaves->of_point[first + i])[lane];
         }
         improvable.arm |= freed[i];
-        const bool lowers = there && (ages || freed[i] != 0);
-        before[i] = lowers ? *levels[i] : 0;
-        if (lowers && !slots.holds(KnownRow::noteOf(known, point), lane)) before[i] = 0;
       }
+      std::size_t of[kTogether];
+      bool lowers[kTogether];
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {
-        if (before[i] == 0) continue;  // nothing is known
-        const std::uint64_t after = known_word::lowered(before[i], less) & ~known_word::spread(freed[i]);
-        if (after != before[i]) *levels[i] = after;
+        of[i] = __shfl_sync(kAllLanes, id, first + i);
+        lowers[i] = lane < words && first + i < points && (ages || freed[i] != 0) &&
+                    slots.holds(KnownRow::noteOf(known, of[i]), lane);
+      }
+      if (known.follows) {
+        forgetCorridors<kTogether>(known, of, lowers, freed, lane);
+      } else {
+        lowerLevels<kTogether>(known, of, lowers, freed, less, lane);
       }
     }
   });

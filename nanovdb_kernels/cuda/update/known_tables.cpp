@@ -23,6 +23,14 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
     to.upload(from.data(), from.size());
   };
   try {
+    load(more_arcs_, tables.arcs.more);
+    load(arcs_of_columns_, tables.arcs.table);
+    arcs_ = tables.arcs.shape;
+    arcs_.table = arcs_of_columns_.data();
+    arcs_.more = more_arcs_.data();
+  } catch (const ResourceLimit&) {  // then they age
+  }
+  try {
     load(cell_directions_, tables.cell_directions);
     load(cell_sets_, tables.cell_sets);
   } catch (const ResourceLimit&) {
@@ -38,9 +46,16 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   std::copy_n(tables.cell_size, 3, cells_.size);
   corridors_ = {corridor_table_.data(), tables.corridor_reach};
   view_.slots = KnownSlots::of(num_directions, tables.arc);
-  levels_.emplace(context);
   notes_.emplace(context);
-  freed_.emplace(std::move(context));
+  view_.follows = arcs_.table != nullptr;
+  if (view_.follows) {
+    counts_.emplace(context);
+    counted_bits_.emplace(context);
+    lost_.emplace(std::move(context));
+  } else {
+    levels_.emplace(context);
+    freed_.emplace(std::move(context));
+  }
 }
 
 void KnownTables::setLimit(int collision_limit) {
@@ -49,14 +64,24 @@ void KnownTables::setLimit(int collision_limit) {
 }
 
 void KnownTables::grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream) {
-  if (!levels_) return;
-  levels_->grow(points * static_cast<std::size_t>(view_.slots.slots));
+  if (!notes_) return;
+  const auto slots = static_cast<std::size_t>(view_.slots.slots), words = static_cast<std::size_t>(view_.slots.words);
   if (!view_.slots.all()) {
     notes_->grow(points);
     view_.notes = notes_->data();
   }
+  if (view_.follows) {
+    counts_->grow(points * slots * kKnownPerWord);
+    view_.counts = counts_->data();
+    counted_bits_->growFilled((points + std::size_t{31}) / 32, 0, stream);
+    view_.counted_bits = counted_bits_->data();
+    lost_->grow(groups * words * kKnownPerWord);
+    view_.lost = lost_->data();
+    return;
+  }
+  levels_->grow(points * slots);
   view_.levels = levels_->data();
-  freed_->growFilled(groups * static_cast<std::size_t>(view_.slots.words), 0, stream);
+  freed_->growFilled(groups * words, 0, stream);
   view_.freed = freed_->data();
 }
 

@@ -27,6 +27,9 @@ class KnownTables {
   [[nodiscard]] const KnownView& view() const { return view_; }
   [[nodiscard]] const CellTableView& cells() const { return cells_; }
   [[nodiscard]] const CorridorView& corridors() const { return corridors_; }
+  /// Whether bounds follow flips: they do not age then.
+  [[nodiscard]] bool follows() const { return view_.follows; }
+  [[nodiscard]] const ArcsView& arcs() const { return arcs_; }
 
   void setLimit(int collision_limit);
   /// New points have no levels until they are admitted.
@@ -34,7 +37,10 @@ class KnownTables {
 
   /// Bytes not taken from `memory`.
   [[nodiscard]] std::uint64_t mappedBytes() const {
-    return levels_ ? levels_->bytes() + notes_->bytes() + freed_->bytes() : 0;
+    std::uint64_t bytes = 0;
+    const auto add = [&](const auto& array) { bytes += array ? array->bytes() : 0; };
+    add(levels_), add(notes_), add(freed_), add(counts_), add(lost_), add(counted_bits_);
+    return bytes;
   }
 
  private:
@@ -42,12 +48,19 @@ class KnownTables {
   KnownView view_;
   CellTableView cells_;
   CorridorView corridors_;
+  ArcsView arcs_;
   // Nothing else takes as much memory. Without a value nothing is remembered.
   std::optional<RangeArray<std::uint64_t>> levels_;  ///< by id
   std::optional<RangeArray<std::uint32_t>> notes_;   ///< by id
   std::optional<RangeArray<FreedWord>> freed_;       ///< by group
+  // In place of levels_ and freed_, where bounds follow flips:
+  std::optional<RangeArray<std::uint16_t>> counts_;  ///< by id
+  std::optional<RangeArray<std::uint16_t>> lost_;    ///< by group
+  std::optional<RangeArray<std::uint32_t>> counted_bits_;
   DeviceArray<DirectionArc> cell_directions_;
   DeviceArray<DirectionMask> cell_sets_, corridor_table_;
+  DeviceArray<ArcsOfColumn> arcs_of_columns_;
+  DeviceArray<CoveringArc> more_arcs_;
 };
 
 }  // namespace accessvdb::kernels

@@ -64,6 +64,10 @@ class MasksOfWarp {
   [[nodiscard]] __device__ bool any(int masks) const {
     return __any_sync(kAllLanes, bits_ != 0 && lane_ < masks * kDirectionWords32) != 0;
   }
+  /// Whether a mask holds any direction. All lanes call it.
+  [[nodiscard]] __device__ bool any(Mask mask) const {
+    return __any_sync(kAllLanes, bits_ != 0 && lane_ / kDirectionWords32 == mask) != 0;
+  }
   /// All lanes.
   __device__ void store(GroupMasks& masks) const {
     static_assert(sizeof(GroupMasks) == kWarp * sizeof(std::uint32_t));

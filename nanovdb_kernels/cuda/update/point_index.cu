@@ -3,6 +3,7 @@
 /// New and touched points: their state, and where they lie.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
+#include "cuda/update/known_collisions.cuh"
 #include "cuda/update/update_kernels.h"
 
 namespace accessvdb::kernels {
@@ -44,10 +45,16 @@ __global__ void rehash(BlockIndexView index) {
 
 /// Initialises the state that a tool keeps for a point: nothing is known yet.
 __device__ void makeState(const PointStateView& state, const KnownView& known, std::size_t id) {
-  if (known.levels != nullptr) {
+  if (known.notes != nullptr) known.notes[id] = KnownSlots::kNothingHeld;
+  if (known.remembers()) {
     const auto words = static_cast<std::size_t>(known.slots.slots);
-    for (std::size_t w = 0; w < words; ++w) known.levels[id * words + w] = 0;
-    if (known.notes != nullptr) known.notes[id] = 0;
+    for (std::size_t w = 0; w < words; ++w) {
+      if (known.follows) {
+        reinterpret_cast<KnownCounts*>(known.counts)[id * words + w] = KnownCounts::unknown();
+      } else {
+        known.levels[id * words + w] = 0;
+      }
+    }
   }
   state.stability[id] = 1;
   state.score[id] = kNoScore;

@@ -37,11 +37,13 @@ void ToolUpdate::takeFlips(const ToolInput& input, const PointsView& points, con
                            float inverse_voxel_size) {
   known_.setLimit(input.tool.collision_limit);
   masks_.clear();
+  flips_.reset();
   if (flips == nullptr) return;
-  const FlipContext context = {points.index,       points.groups,           footprint_.view(),
-                               known_.cells(),     known_.view(),           input.approach.num_directions,
-                               known_.corridors(), input.points.position_L, inverse_voxel_size};
-  masks_.make(context, *flips, stream());
+  flips_ = *flips;
+  const FlipContext context = {points.index,       points.groups, footprint_.view(),
+                               known_.cells(),     known_.view(), input.approach.num_directions,
+                               known_.corridors(), input.points,  inverse_voxel_size};
+  masks_.make(context, points.num_points, *flips, stream());
 }
 
 void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
@@ -50,6 +52,11 @@ void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
   evaluation_ = {input.approach, input.rule, known_.view()};
   const std::uint32_t num_points = setting_.points.num_points;
   masks_.addGroups(setting_.points.groups.groups, stream());
+  if (flips_ && known_.follows()) {
+    launchFollowFlips(
+        {setting_.points, known_.view(), known_.arcs(), *flips_, masks_.masks(), setting_.map.inverse_voxel_size},
+        stream());
+  }
   if (setting_.budget_points > 0) queue_.grow(num_points, stream());
   due_.setWaiting(setting_.budget_points > 0 ? queue_.flags() : nullptr);
   due_.growItems(num_points);

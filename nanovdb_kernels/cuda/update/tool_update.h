@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "cuda/memory/device_context.h"
@@ -47,7 +48,7 @@ class ToolUpdate {
     std::uint32_t budget_points = 0;
     const std::uint32_t* changed_bits = nullptr;  ///< from launchStoreNeighbours
   };
-  /// Sets what the rest of this update reads. Calls no kernel.
+  /// Sets what the rest of this update reads, and lets what is known follow the flips. Once per update.
   void choose(const ToolInput& input, const Setting& setting);
   /// Lists what is due at some moved points, at most kMovedChunk. @param before  from launchStoreNeighbours
   void takeMoved(const PointChunk& part, const FoundNeighbourhood* before);
@@ -78,6 +79,7 @@ class ToolUpdate {
   DueLists due_;
   WorkQueue queue_;  ///< only with a budget
   // For the update in progress.
+  std::optional<FlipsView> flips_;
   Setting setting_;
   EvaluationView evaluation_;
   DueSearch search_;

@@ -68,8 +68,8 @@ struct FlipContext {
   CellTableView covering;
   KnownView known;  ///< aged by the flips
   int num_directions = 0;
-  CorridorView corridors;             ///< table null: blocked corridors are forgotten by leaf
-  const float* position_L = nullptr;  ///< [3 n] by id
+  CorridorView corridors;  ///< table null: blocked corridors are forgotten by leaf
+  PointStateView points;
   float inverse_voxel_size = 0;
 };
 /// Inserts the tiles of flips.list into the hash; counts them in *num_tiles.
@@ -79,6 +79,25 @@ void launchAddFlips(const FlipsView& flips, std::uint32_t count, cudaStream_t st
 /// Computes the masks of all groups, and ages what is known about the directions of their points.
 void launchGroupMasks(const FlipContext& context, const FlipsView& flips, const GroupMasksView& masks,
                       cudaStream_t stream);
+
+// sort_voxels.cu: sorts flipped voxels by place.
+
+/// Fills flips.by_layer and layer_begin.
+void launchSortVoxels(const FlipsView& flips, std::uint32_t count, std::uint32_t tiles, cudaStream_t stream);
+
+// follow_flips.cu: lets bounds of collisions follow flips.
+
+/// Inputs and outputs, of one tool.
+struct FollowContext {
+  PointsView points;
+  KnownView known;  ///< its counts follow
+  ArcsView arcs;
+  FlipsView flips;
+  GroupMasksView masks;
+  float inverse_voxel_size = 0;
+};
+/// Once per update: a flip must not count twice.
+void launchFollowFlips(const FollowContext& context, cudaStream_t stream);
 
 // due_points.cu: decides what has to be evaluated.
 

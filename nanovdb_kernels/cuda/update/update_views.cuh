@@ -10,6 +10,7 @@
 #include "cuda/search/busy_map.h"
 #include "cuda/search/hash_view.cuh"
 #include "hostdev/due_rule.h"
+#include "hostdev/known_counts.h"
 #include "hostdev/known_levels.h"
 #include "hostdev/known_slots.h"
 #include "hostdev/neighbour_rule.h"
@@ -184,6 +185,7 @@ struct FlipLink {
 struct FlipsView {
   static constexpr int kTileLog2 = 3;
   static constexpr std::uint32_t kColumns = 64;  ///< columns per tile
+  static constexpr std::uint32_t kLayers = 17;   ///< of a tile, with one for the end
   HashView hash;                                 ///< key: tile x >> 3, y >> 3, z >> 4
   std::uint32_t* tile_at = nullptr;              ///< [slots of the hash]
   std::uint64_t* occupied = nullptr;             ///< [tiles] columns with a flip, one bit each
@@ -193,10 +195,25 @@ struct FlipsView {
   std::uint32_t* arm_head = nullptr;             ///< the same for leaves in which voxels became free for a corridor
   FlipLink* arm_links = nullptr;
   const LeafFlips* list = nullptr;
+  const std::uint16_t* voxels = nullptr;  ///< FlipLists::voxels
+  /// The same voxels, those of a tile next to each other, and in it layer of leaves by layer: TileVoxel::code.
+  std::uint32_t* by_layer = nullptr;
+  std::uint32_t* layer_begin = nullptr;  ///< [17 tiles]
+};
+
+/// A flipped voxel in its tile.
+struct TileVoxel {
+  /// @param x, y, z  in the tile
+  [[nodiscard]] ACCESSVDB_HOSTDEV static std::uint32_t code(std::uint32_t x, std::uint32_t y, std::uint32_t z,
+                                                            bool collides) {
+    return x << 14 | y << 8 | z << 1 | (collides ? 1u : 0u);
+  }
 };
 struct GroupMasksView {
   GroupMasks* masks = nullptr;       ///< [groups]
   std::uint8_t* affected = nullptr;  ///< [groups] its masks are not empty; null: no flips at all
+  /// [n / 32] accessible points whose best direction's corridor may have become blocked; null: worse_arm says which.
+  std::uint32_t* arm_bits = nullptr;
 };
 
 // FootprintTable: what the tool and the corridor read.
@@ -236,12 +253,21 @@ struct CellTableView {
   std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
 };
 struct KnownView {
-  std::uint64_t* levels = nullptr;  ///< [slots.slots n] by id; null: nothing is remembered
+  std::uint64_t* levels = nullptr;  ///< [slots.slots n] by id
   std::uint32_t* notes = nullptr;   ///< [n] what the slots hold; null: each word has its own
   FreedWord* freed = nullptr;       ///< [slots.words groups]
-  KnownSlots slots;                 ///< words of eight directions
-  int count_to = 0;                 ///< collisions are counted up to here, to remember them
+  bool follows = false;             ///< bounds follow flips: there are counts and what was lost, no levels
+  std::uint16_t* counts = nullptr;  ///< [8 slots.slots n] by id: known_count
+  /// [8 slots.words groups] voxels that stopped colliding in this update, as an upper bound; only where a group's masks
+  /// say that any may have.
+  std::uint16_t* lost = nullptr;
+  std::uint32_t* counted_bits = nullptr;  ///< [n / 32] points with any bound that is known
+  KnownSlots slots;                       ///< words of eight directions
+  int count_to = 0;                       ///< collisions are counted up to here, to remember them
   KnownLevels scale;
+
+  /// Whether anything is remembered.
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool remembers() const { return levels != nullptr || counts != nullptr; }
 };
 
 // DueLists: what has to be evaluated.

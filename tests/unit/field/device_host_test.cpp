@@ -29,6 +29,9 @@ struct LeafFacts {
   std::array<std::uint32_t, 8> freed = {};  ///< voxels that stopped colliding, by cells of 4 x 4 x 4, x slowest
   std::uint64_t freed_columns = 0;          ///< with voxels that became free for the arm, bit 8 x + y
   std::uint32_t freed_heights = 0;          ///< bit z
+  std::uint64_t blocked_columns = 0;        ///< with voxels that ceased to be free for the arm
+  std::uint32_t blocked_heights = 0;
+  std::array<int, 512> began = {};  ///< by voxel, how often it began to collide, less how often it ceased to
   bool operator==(const LeafFacts&) const = default;
 };
 
@@ -51,18 +54,28 @@ struct Told {
 class Listener final : public kernels::ExactUpdater {
  public:
   explicit Listener(Told& told) : told_(told) {}
-  void begin(const kernels::ScoringInput&, kernels::FlipLists flips_of_parts) override {
+  void begin(const kernels::ScoringInput&, const kernels::FlipLists& lists) override {
     told_.flips.clear();
-    for (const std::span<const kernels::LeafFlips>& part : flips_of_parts) {
+    std::vector<std::uint16_t> voxels;
+    for (const std::span<const std::uint16_t>& part : lists.voxels)
+      voxels.insert(voxels.end(), part.begin(), part.end());
+    for (const std::span<const kernels::LeafFlips>& part : lists.leaves) {
       for (const kernels::LeafFlips& flips : part) {
         LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
         facts.kinds |= flips.kinds;
         facts.freed_columns |= flips.freed_columns;
         facts.freed_heights |= flips.freed_heights;
+        facts.blocked_columns |= flips.blocked_columns;
+        facts.blocked_heights |= flips.blocked_heights;
+        for (std::uint32_t n = 0; n < flips.voxels; ++n) {
+          const std::uint16_t code = voxels.at(flips.first_voxel + n);
+          facts.began.at(code >> 1) += (code & 1) != 0 ? 1 : -1;
+        }
         for (std::size_t cell = 0; cell < 8; ++cell) facts.freed[cell] += flips.freed >> (8 * cell) & 0xff;
       }
     }
   }
+  [[nodiscard]] bool takesVoxels() const override { return true; }
   void findNeighbours() override {
     EXPECT_FALSE(told_.neighbours_begun);
     told_.neighbours_begun = true;
@@ -201,6 +214,11 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
               if (((*all[kind])[bit >> 6] >> (bit & 63) & 1) == 0) continue;
               facts.kinds |= 1u << kind;
               const std::uint32_t x = bit >> 6, y = bit >> 3 & 7, z = bit & 7;
+              if (kind < 2) facts.began[bit] += kind == 0 ? 1 : -1;
+              if (kind == 3) {
+                facts.blocked_columns |= std::uint64_t{1} << (8 * x + y);
+                facts.blocked_heights |= 1u << z;
+              }
               if (kind == 1) ++facts.freed[(x / 4) * 4 + (y / 4) * 2 + z / 4];
               if (kind == 2) {
                 facts.freed_columns |= std::uint64_t{1} << (8 * x + y);

@@ -35,8 +35,9 @@ class ToolsListener final : public kernels::ExactUpdater {
     told_.admitted.assign(input.states.begin(), input.states.end());
   }
   void findNeighbours() override {}
-  void begin(const kernels::ScoringInput& input, kernels::FlipLists flips) override {
-    for (const auto& part : flips) told_.flips += part.size();
+  [[nodiscard]] bool takesVoxels() const override { return false; }
+  void begin(const kernels::ScoringInput& input, const kernels::FlipLists& flips) override {
+    for (const auto& part : flips.leaves) told_.flips += part.size();
     told_.begun = toolsOf(input);
   }
   void choose(const kernels::ScoringInput& input) override { told_.chosen = toolsOf(input); }

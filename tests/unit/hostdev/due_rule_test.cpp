@@ -126,9 +126,14 @@ DirectionMask all() {
 }
 
 /// What flips say, and what is remembered: sometimes more than what happened, never less; known only where it is true.
+/// Half of the worlds remember bounds that follow flips, the others which directions are worse than what was stored.
 class Remembered {
  public:
-  Remembered(World& world, const Facts& before, const Facts& now, const StoredScore& stored) {
+  Remembered(World& world, const Facts& before, const Facts& now, const StoredScore& stored)
+      : now_(now), follows_(world.chance(0.5)) {
+    const bool arm_blocked =
+        stored.label == PointLabel::Accessible && !now.arm_free.at(static_cast<std::size_t>(stored.direction));
+    best_arm_blocked_ = arm_blocked || world.chance(0.5);
     const int base = stored.label == PointLabel::Accessible ? stored.score : kLimit - 1;
     for (int d = 0; d < kDirections; ++d) {
       const auto at = static_cast<std::size_t>(d);
@@ -141,30 +146,50 @@ class Remembered {
       mark(masks_.worse_arm, !now.arm_free.at(at) && before.arm_free.at(at));
       const bool is_worse = !now.arm_free.at(at) || now.collisions.at(at) > base;
       if (is_worse && world.chance(0.5)) worse_.set(d);
+      if (!now.arm_free.at(at) && world.chance(0.5)) blocked_.set(d);
+      if (world.chance(0.5)) least_.at(at) = std::max(0, now.collisions.at(at) - (world.chance(0.5) ? 0 : 3));
     }
   }
   [[nodiscard]] GroupMasks masks() const { return masks_; }
-  [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked) const { return asked & ~worse_.word[w]; }
+  [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked, int most) const {
+    if (!follows_) return asked & ~worse_.word[w];
+    DirectionMask worse = blocked_;
+    for (int d = 0; d < kDirections; ++d) {
+      if (least_.at(static_cast<std::size_t>(d)) > most) worse.set(d);
+    }
+    return asked & ~worse.word[w];
+  }
+  [[nodiscard]] int collisionsOf(int d) const {
+    return follows_ ? now_.collisions.at(static_cast<std::size_t>(d)) : int{kNoScore};
+  }
+  [[nodiscard]] bool bestArmMayBeBlocked() const { return best_arm_blocked_; }
+  [[nodiscard]] static int limit() { return kLimit; }
 
  private:
   GroupMasks masks_ = {};
-  DirectionMask worse_ = {};
+  DirectionMask worse_ = {}, blocked_ = {};
+  std::array<int, kDirections> least_ = {};
+  const Facts& now_;
+  bool follows_, best_arm_blocked_ = true;
 };
 
 /// What is stored after evaluating no more than what is due.
 StoredScore evaluateDue(const World& world, const PointDirections& now, const Facts& facts, const StoredScore& stored,
                         const Due& due) {
-  if (due.kind == DueKind::Nothing || due.kind == DueKind::Confirm) return stored;
+  if (due.kind == DueKind::Nothing) return stored;
+  StoredScore best = stored;
+  if (due.best_score != kNoScore) best.score = due.best_score;
+  if (due.kind == DueKind::Confirm) return best;
   if (due.kind == DueKind::All) return world.evaluate(now, facts, all());
   if (stored.label != PointLabel::Accessible) {
     const StoredScore found = world.evaluate(now, facts, due.candidates);
     return found.label == PointLabel::Accessible ? found : stored;
   }
-  StoredScore best = stored;
   const auto at = static_cast<std::size_t>(stored.direction);
+  const int known = best.score;
   if ((due.test_best & kTestTool) != 0) best.score = facts.collisions.at(at);
   if ((due.test_best & kTestArm) != 0 && !facts.arm_free.at(at)) best.score = kNoScore;
-  if (best.score > stored.score) return world.evaluate(now, facts, all());  // others may be the best ones by now
+  if (best.score > known || best.score >= kLimit) return world.evaluate(now, facts, all());  // others may be the best
   return world.evaluate(now, facts, due.candidates, best);
 }
 
@@ -247,7 +272,10 @@ TEST(DueRule, TheBestDirectionIsCountedAgainWhereAnEarlierRollMayBecomeAsGood) {
   struct Freed {
     GroupMasks freed;
     [[nodiscard]] const GroupMasks& masks() const { return freed; }
-    [[nodiscard]] std::uint64_t notKnownWorse(int, std::uint64_t asked) const { return asked; }
+    [[nodiscard]] std::uint64_t notKnownWorse(int, std::uint64_t asked, int) const { return asked; }
+    [[nodiscard]] int collisionsOf(int) const { return kNoScore; }
+    [[nodiscard]] bool bestArmMayBeBlocked() const { return true; }
+    [[nodiscard]] int limit() const { return kLimit; }
   };
   World world(8);
   PointDirections now = {};

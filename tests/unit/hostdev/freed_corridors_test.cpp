@@ -32,11 +32,11 @@ LeafWords randomLeaf(std::mt19937_64& random, int few, int sparse) {
   return words;
 }
 
-TEST(FreedForArm, HasTheColumnsAndHeightsOfAllVoxels) {
+TEST(ColumnsForArm, HasTheColumnsAndHeightsOfAllVoxels) {
   std::mt19937_64 random(1);
   for (int n = 0; n < 2000; ++n) {
     const LeafWords words = randomLeaf(random, n % 7, n % 5 == 0 ? 1 + n % 64 : 0);
-    kernels::FreedForArm expected;
+    kernels::ColumnsForArm expected;
     for (int x = 0; x < 8; ++x) {
       for (int y = 0; y < 8; ++y) {
         for (int z = 0; z < 8; ++z) {
@@ -46,7 +46,7 @@ TEST(FreedForArm, HasTheColumnsAndHeightsOfAllVoxels) {
         }
       }
     }
-    const kernels::FreedForArm freed = kernels::freedForArm(words.data());
+    const kernels::ColumnsForArm freed = kernels::columnsForArm(words.data());
     ASSERT_EQ(freed.columns, expected.columns) << n;
     ASSERT_EQ(freed.heights, expected.heights) << n;
   }
@@ -86,12 +86,19 @@ DirectionMask oneByOne(const Table& table, const LeafWords& words, const std::ar
 }
 
 DirectionMask byRule(const Table& table, const LeafWords& words, const std::array<int, 3>& leaf, const Coord& point) {
-  const kernels::FreedForArm freed = kernels::freedForArm(words.data());
+  const kernels::ColumnsForArm freed = kernels::columnsForArm(words.data());
   DirectionMask directions = {};
   if (point[2] >> 3 == leaf[2] && (freed.heights >> (point[2] & 7) & 1u) != 0) {
     kernels::addFreedCorridors(table.view(), {freed.columns, leaf[0], leaf[1]}, point, directions);
   }
   return directions;
+}
+
+bool passes(const Table& table, const LeafWords& words, const std::array<int, 3>& leaf, const Coord& point,
+            int direction) {
+  const kernels::ColumnsForArm blocked = kernels::columnsForArm(words.data());
+  return point[2] >> 3 == leaf[2] && (blocked.heights >> (point[2] & 7) & 1u) != 0 &&
+         kernels::corridorMayPass(table.view(), {blocked.columns, leaf[0], leaf[1]}, point, direction);
 }
 
 /// None is missing; and none is too many if all voxels are at one height.
@@ -112,6 +119,7 @@ TEST(FreedCorridors, AreThoseOfEachVoxel) {
     for (std::uint64_t& word : words) word &= 0x0101010101010101ull << z;
     const DirectionMask expected = oneByOne(table, words, leaf, point);
     EXPECT_TRUE(byRule(table, words, leaf, point) == expected) << n;
+    for (int d = 0; d < 256; ++d) ASSERT_EQ(passes(table, words, leaf, point, d), expected.test(d)) << n;
     ++(kernels::any(expected) ? concerned : unconcerned);
   }
   EXPECT_GT(concerned, 50);

@@ -45,6 +45,31 @@ TEST(KnownSlots, TakeAboutHalfTheMemoryOfTheDefault) {
   EXPECT_EQ(KnownSlots::of(36, mostInCone(36, std::cos(70 * std::numbers::pi / 180))).slots, 5);
 }
 
+TEST(KnownSlots, ListTheWordsThatAreHeld) {
+  std::mt19937_64 random(6);
+  for (const KnownSlots slots : {KnownSlots::of(180, 72), KnownSlots::of(256, 60), KnownSlots::of(256, 0)}) {
+    std::uint32_t note = KnownSlots::kNothingHeld;
+    for (int word = 0; word < slots.words; ++word) EXPECT_EQ(slots.holds(note, word), slots.all());
+    for (int step = 0; step < 500; ++step) {
+      const int taken = static_cast<int>(random() % static_cast<unsigned>(slots.words));
+      if (!slots.all()) note ^= slots.changes(note, taken);
+      const std::uint32_t held = slots.held(note);
+      int found = 0;
+      for (int word = 0; word < slots.words; ++word) ASSERT_EQ((held >> word & 1u) != 0, slots.holds(note, word));
+      for (int slot = 0; slot < slots.slots; ++slot) {
+        const int word = slots.wordIn(note, slot);
+        if (word < 0) continue;
+        ++found;
+        ASSERT_TRUE(slots.holds(note, word));
+        ASSERT_EQ(slots.slotOf(word), slot);
+      }
+      ASSERT_EQ(found, __builtin_popcount(held));
+      ASSERT_TRUE((held >> taken & 1u) != 0);
+      ASSERT_EQ(std::uint64_t{held} >> slots.words, 0u);
+    }
+  }
+}
+
 /// The note against a list of what each slot holds.
 TEST(KnownSlots, NoteWhatEachSlotHolds) {
   std::mt19937_64 random(5);
