@@ -52,6 +52,10 @@ void findArcs(const kernels::DirectionMask& directions, int count, std::vector<A
   });
 }
 
+std::uint64_t keyOf(const CoveringArc& arc) {
+  return std::uint64_t{arc.begin} << 32 | std::uint64_t{arc.end} << 16 | std::uint64_t{arc.lowest} << 8 | arc.heights;
+}
+
 /// Appends an arc for each run of heights.
 void appendRuns(const ArcEnds& ends, const Heights& heights, std::vector<CoveringArc>& arcs) {
   for (std::size_t z = 0; z < heights.size(); ++z) {
@@ -132,6 +136,7 @@ DirectionArcs::DirectionArcs(const kernels::ToolKernelView& tool, int num_direct
   });
   std::vector<ArcsOfColumn> table(size_x * size_y);
   std::vector<CoveringArc> more;
+  std::map<std::vector<std::uint64_t>, std::size_t> places;  // in it
   std::size_t arcs = 0, used = 0;
   for (std::size_t n = 0; n < table.size(); ++n) {
     const std::map<ArcEnds, Heights>& column = found[n / size_y][n % size_y];
@@ -147,10 +152,14 @@ DirectionArcs::DirectionArcs(const kernels::ToolKernelView& tool, int num_direct
     entry.first = list[0];
     if (list.size() > 1) entry.second = list[1];
     if (list.size() <= 2) continue;
-    entry.more = static_cast<std::uint16_t>(more.size());
+    // Many columns have the same ones.
+    std::vector<std::uint64_t> key;
+    for (std::size_t further = 2; further < list.size(); ++further) key.push_back(keyOf(list[further]));
+    const auto [place, is_new] = places.try_emplace(std::move(key), more.size());
+    if (is_new) more.insert(more.end(), list.begin() + 2, list.end());
+    if (more.size() > std::size_t{std::numeric_limits<std::uint16_t>::max()} + 1) return;
+    entry.more = static_cast<std::uint16_t>(place->second);
     entry.count = static_cast<std::uint16_t>(list.size() - 2);
-    more.insert(more.end(), list.begin() + 2, list.end());
-    if (more.size() > std::numeric_limits<std::uint16_t>::max()) return;
   }
   if (static_cast<double>(arcs) > kMostArcsPerColumn * static_cast<double>(used)) return;
   if (more.empty()) more.emplace_back();
