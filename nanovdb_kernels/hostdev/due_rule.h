@@ -184,6 +184,9 @@ template <class Flips>
     const int now_score = flips.collisionsOf(best.direction);
     if (now_score == kNoScore) {
       due.test_best |= kTestTool;
+    } else if (now_score >= flips.limit()) {
+      due.kind = DueKind::All;
+      return due;
     } else {
       due.best_score = static_cast<std::uint16_t>(now_score);
       score = now_score;

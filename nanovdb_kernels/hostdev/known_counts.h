@@ -11,7 +11,7 @@
 namespace accessvdb::kernels {
 
 /// A bound and whether the corridor is blocked, in 16 bits. The bound of an accessible point's best direction is its
-/// count.
+/// count, or unknown.
 namespace known_count {
 
 inline constexpr std::uint16_t kArmBlocked = 0x8000;

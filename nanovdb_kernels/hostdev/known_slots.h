@@ -1,8 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Where a point keeps the words of levels (known_levels.h) of its directions. It only tests directions within its
-/// cone, which are an arc. So it has fewer slots than there are words: word w belongs into slot w % slots, and the
-/// point notes which word each slot holds. What is not held is not known, which only costs time.
+/// Where a point keeps what is known about its directions, eight to a word (known_levels.h, known_counts.h). It only
+/// tests directions within its cone, which are an arc. So it has fewer slots than there are words: word w belongs into
+/// slot w % slots, and the point notes which word each slot holds. What is not held is not known, which only costs
+/// time.
 #pragma once
 
 #include <cstdint>

@@ -67,7 +67,7 @@ struct LeafFlips {
   std::uint8_t freed_heights = 0, blocked_heights = 0;
   std::uint64_t freed = 0;  ///< voxels that stopped colliding, one byte per cell as in countCells(); 255: or more
   std::uint64_t freed_columns = 0, blocked_columns = 0;
-  std::uint32_t first_voxel = 0, voxels = 0;  ///< of FlippedVoxels::codes
+  std::uint32_t first_voxel = 0, voxels = 0;  ///< of FlipLists::voxels
 };
 
 /// A voxel that began or ceased to collide.

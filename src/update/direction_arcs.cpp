@@ -107,6 +107,7 @@ DirectionArcs::DirectionArcs(const kernels::ToolKernelView& tool, int num_direct
   for (int d = 0; d < num_directions; ++d) {
     for (std::uint32_t n = tool.column_begin[d]; n < tool.column_begin[d + 1]; ++n) {
       direction_of[n] = static_cast<std::uint8_t>(d);
+      if (tool.columns[n].bits == 0) continue;
       columns_at[static_cast<std::size_t>(tool.columns[n].dx - shape.low[0])].push_back(n);
     }
   }

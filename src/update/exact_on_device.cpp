@@ -5,16 +5,13 @@
 /// the results equal those of exact_on_host.cpp. All this is the same for tools that are tried in the same directions,
 /// so that one scheduler serves them.
 #include <tbb/parallel_for.h>
-#include <tbb/parallel_sort.h>
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <optional>
 #include <utility>
 #include <vector>
 
-#include "hostdev/cell_counts.h"
 #include "hostdev/direction_filter.h"
 #include "launch/lists.h"
 #include "update/block_groups.h"
@@ -22,10 +19,10 @@
 #include "update/corridor_offsets.h"
 #include "update/device_admission.h"
 #include "update/direction_arcs.h"
-#include "update/flip_set.h"
 #include "update/leaf_footprint.h"
 #include "update/make_scheduler.h"
 #include "update/run_beside.h"
+#include "update/waiting_flips.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -34,25 +31,6 @@ namespace {
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
 /// In voxels: 8.4 MB.
 constexpr std::int32_t kMostCorridorReach = 256;
-
-/// Adds two counts of freed voxels, cell by cell.
-std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
-  std::uint64_t sum = 0;
-  for (int shift = 0; shift < 64; shift += 8) {
-    const std::uint64_t cell = (a >> shift & 0xff) + (b >> shift & 0xff);
-    sum |= std::min<std::uint64_t>(cell, kernels::LeafFlips::kManyFreed) << shift;
-  }
-  return sum;
-}
-
-/// Appends codes of the voxels of a leaf. @param collides  what they began to do, or ceased
-void appendVoxels(const LeafBits& bits, bool collides, std::vector<std::uint16_t>& voxels) {
-  for (std::size_t x = 0; x < bits.size(); ++x) {
-    for (std::uint64_t left = bits[x]; left != 0; left &= left - 1) {
-      voxels.push_back(kernels::flipped_voxel::codeOf(static_cast<int>(64 * x) + std::countr_zero(left), collides));
-    }
-  }
-}
 
 std::vector<PointScorer*> scorersOf(std::span<const ScheduledTool> tools) {
   std::vector<PointScorer*> scorers;
@@ -80,25 +58,7 @@ class ExactOnDevice final : public UpdateScheduler {
   Needs needs() const override { return {.deltas = admission_.takesDeltas(), .changes = true}; }
   void noteChange(std::size_t list, const LeafChange& change) override {
     if (!notes_flips_) return;
-    const Index3 leaf = parentOf(change.origin_ijk);
-    const kernels::ColumnsForArm freed = kernels::columnsForArm(change.arm_free_on.data()),
-                                 blocked = kernels::columnsForArm(change.arm_free_off.data());
-    kernels::LeafFlips flips = {{leaf[0], leaf[1], leaf[2]},
-                                kindsOf(change),
-                                static_cast<std::uint8_t>(freed.heights),
-                                static_cast<std::uint8_t>(blocked.heights),
-                                kernels::countCells(change.collides_off.data()),
-                                freed.columns,
-                                blocked.columns};
-    if (takes_voxels_) {
-      std::vector<std::uint16_t>& voxels = voxels_[list];
-      const std::size_t before = voxels.size();
-      appendVoxels(change.collides_on, true, voxels);
-      appendVoxels(change.collides_off, false, voxels);
-      flips.first_voxel = voxels_before_[list] + static_cast<std::uint32_t>(before);
-      flips.voxels = static_cast<std::uint32_t>(voxels.size() - before);
-    }
-    flips_[list].push_back(flips);
+    flips_[list].add(change, takes_voxels_);
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {
@@ -106,7 +66,7 @@ class ExactOnDevice final : public UpdateScheduler {
       notes_flips_ = false;
       clearFlips();
     }
-    if (kernels::totalSize(flips_) > 2 * joined_flips_ + kMostFlips) joinFlips();
+    if (waiting() > 2 * joined_ + kMostFlips) joinFlips();
   }
 
   // As if another scan had come: all flips are handed over again.
@@ -146,10 +106,8 @@ class ExactOnDevice final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
     std::uint64_t bytes = admission_.bytes();
-    for (const std::vector<kernels::LeafFlips>& part : flips_) bytes += bytesOf(part);
-    for (const std::vector<std::uint16_t>& part : voxels_) bytes += bytesOf(part);
+    for (const WaitingFlips& part : flips_) bytes += part.bytes();
     return bytes;
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
@@ -159,68 +117,29 @@ class ExactOnDevice final : public UpdateScheduler {
     std::array<std::span<const kernels::LeafFlips>, kMostLists> lists;
     std::array<std::span<const std::uint16_t>, kMostLists> voxels;
     // The device gets all lists behind each other, so that a leaf's voxels begin further back.
-    std::array<std::uint32_t, kMostLists> more = {};
-    std::uint32_t before = 0;
+    std::array<std::uint32_t, kMostLists> first = {};
     for (std::size_t n = 0; n < kMostLists; ++n) {
-      more[n] = before - std::exchange(voxels_before_[n], before);
-      before += static_cast<std::uint32_t>(voxels_[n].size());
+      lists[n] = flips_[n].leaves();
+      voxels[n] = flips_[n].voxels();
+      if (n > 0) first[n] = first[n - 1] + static_cast<std::uint32_t>(voxels[n - 1].size());
     }
-    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) {
-      if (more[n] == 0) return;
-      for (kernels::LeafFlips& flips : flips_[n]) flips.first_voxel += more[n];
-    });
-    std::ranges::copy(flips_, lists.begin());
-    std::ranges::copy(voxels_, voxels.begin());
+    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) { flips_[n].beginVoxelsAt(first[n]); });
     updater_->begin(inputs_.of(mirror), {lists, voxels});
   }
 
   void clearFlips() {
-    for (std::vector<kernels::LeafFlips>& part : flips_) part.clear();
-    for (std::vector<std::uint16_t>& part : voxels_) part.clear();
-    voxels_before_ = {};
-    joined_flips_ = 0;
+    for (WaitingFlips& part : flips_) part.clear();
+    joined_ = 0;
+  }
+  /// Leaves and, since they take as much memory, eight voxels each.
+  [[nodiscard]] std::size_t waiting() const {
+    std::size_t waiting = 0;
+    for (const WaitingFlips& part : flips_) waiting += part.leaves().size() + part.voxels().size() / 8;
+    return waiting;
   }
   void joinFlips() {
-    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) {
-      for (kernels::LeafFlips& flips : flips_[n]) flips.first_voxel -= voxels_before_[n];
-      join(flips_[n], voxels_[n]);
-    });
-    voxels_before_ = {};
-    joined_flips_ = kernels::totalSize(flips_);
-  }
-  static void join(std::vector<kernels::LeafFlips>& flips, std::vector<std::uint16_t>& voxels) {
-    const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };
-    tbb::parallel_sort(flips.begin(), flips.end(),
-                       [&](const kernels::LeafFlips& a, const kernels::LeafFlips& b) { return place(a) < place(b); });
-    std::size_t out = 0;
-    std::vector<std::uint16_t> joined;
-    std::array<std::int8_t, 512> began = {};  // of the leaf: 1: collides now but did not, -1: the other way
-    for (std::size_t n = 0; n < flips.size(); ++n) {
-      const kernels::LeafFlips flip = flips[n];
-      for (std::uint32_t v = 0; v < flip.voxels; ++v) {
-        const std::uint16_t code = voxels[flip.first_voxel + v];
-        began[code >> 1] = static_cast<std::int8_t>(began[code >> 1] + ((code & 1) != 0 ? 1 : -1));
-      }
-      if (out > 0 && place(flips[out - 1]) == place(flip)) {
-        flips[out - 1].kinds |= flip.kinds;
-        flips[out - 1].freed_heights |= flip.freed_heights;
-        flips[out - 1].blocked_heights |= flip.blocked_heights;
-        flips[out - 1].blocked_columns |= flip.blocked_columns;
-        flips[out - 1].freed = joinedFreed(flips[out - 1].freed, flip.freed);
-        flips[out - 1].freed_columns |= flip.freed_columns;
-      } else {
-        flips[out++] = flip;
-      }
-      if (n + 1 < flips.size() && place(flips[n + 1]) == place(flip)) continue;
-      flips[out - 1].first_voxel = static_cast<std::uint32_t>(joined.size());
-      for (std::size_t at = 0; at < began.size(); ++at) {
-        if (began[at] != 0) joined.push_back(kernels::flipped_voxel::codeOf(static_cast<int>(at), began[at] > 0));
-        began[at] = 0;
-      }
-      flips[out - 1].voxels = static_cast<std::uint32_t>(joined.size()) - flips[out - 1].first_voxel;
-    }
-    flips.resize(out);
-    voxels = std::move(joined);
+    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) { flips_[n].join(); });
+    joined_ = waiting();
   }
 
   ScoringInputs inputs_;
@@ -228,12 +147,10 @@ class ExactOnDevice final : public UpdateScheduler {
   bool takes_voxels_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
-  bool notes_flips_ = false;  ///< an update has scored something, or may be doing so
-  bool flips_begun_ = false;  ///< prepare() was called since the last scan
-  std::array<std::vector<kernels::LeafFlips>, kMostLists> flips_;  ///< since the last update, by list
-  std::array<std::vector<std::uint16_t>, kMostLists> voxels_;      ///< FlipLists::voxels
-  std::array<std::uint32_t, kMostLists> voxels_before_ = {};       ///< added to LeafFlips::first_voxel of a list so far
-  std::size_t joined_flips_ = 0;                                   ///< their number after the last merge
+  bool notes_flips_ = false;                    ///< an update has scored something, or may be doing so
+  bool flips_begun_ = false;                    ///< prepare() was called since the last scan
+  std::array<WaitingFlips, kMostLists> flips_;  ///< since the last update, by list
+  std::size_t joined_ = 0;                      ///< how many were waiting after the last merge
 };
 
 /// A tool's tables in host memory, for as long as the updater is being made.

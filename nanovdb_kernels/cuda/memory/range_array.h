@@ -22,7 +22,8 @@ class RangeArray {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Addresses for one array: those of the levels of 268 million points at 256 directions.
+  /// Addresses for one array: those of the bounds of 357 million points at 180 directions, 134 million at 256 of any
+  /// kind.
   static constexpr std::uint64_t kAddresses = std::uint64_t{1} << 36;
 
   /// @throws as AddressRange does

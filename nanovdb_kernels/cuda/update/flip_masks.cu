@@ -20,7 +20,7 @@ constexpr unsigned kThreads = 256;
 /// Warps per block for groups. Few: some groups take long, others no time, and a block stays until its last warp is
 /// done.
 constexpr unsigned kWarps = 2;
-/// Blocks that a multiprocessor should hold: this limits the registers. No architecture holds fewer blocks than this.
+/// Blocks that a multiprocessor should hold: this limits the registers. Shared memory may limit it to fewer.
 constexpr unsigned kGroupBlocks = 16;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }

@@ -72,7 +72,7 @@ class BlockFollower {
     forEachTile(low, high, [&](const Tile& tile) { voxels += __reduce_add_sync(kAllLanes, tile.end - tile.begin); });
     if (voxels == 0) return;
     const auto points = static_cast<std::uint32_t>(points_);
-    if (voxels * ((points + kWarp - 1) / kWarp) > kMostPerPoint * points) return lowerAll();
+    if (std::uint64_t{voxels} * ((points + kWarp - 1) / kWarp) > kMostPerPoint * points) return lowerAll();
     forEachTile(low, high, [&](const Tile& tile) { takeTiles(tile); });
     takeVoxels();
   }

@@ -1,9 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What is known about collisions in the directions of points (hostdev/known_levels.h), and how it ages. A voxel that
-/// stops colliding removes at most one collision from a direction. So we count for each group of blocks and direction,
-/// as an upper bound, how many did since the group's levels were last lowered; a level guarantees that many fewer.
-/// Freed voxels are counted per group, by cells. Overcounting costs time but changes nothing.
+/// What is known about collisions in the directions of points: bounds that follow flips (follow_flips.cu), or levels
+/// (hostdev/known_levels.h) and how they age. A voxel that stops colliding removes at most one collision from a
+/// direction. So we count for each group of blocks and direction, as an upper bound, how many did since the group's
+/// levels were last lowered; a level guarantees that many fewer. Freed voxels are counted per group, by cells.
+/// Overcounting costs time but changes nothing.
 #pragma once
 
 #include <cstdint>

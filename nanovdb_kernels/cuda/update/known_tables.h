@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What is remembered about directions other than the best (hostdev/known_levels.h): levels per point, and how far
-/// those of each group have aged.
+/// What is remembered about the directions of points: bounds that follow flips (hostdev/known_counts.h), or levels and
+/// how far those of each group have aged (hostdev/known_levels.h).
 #pragma once
 
 #include <cuda_runtime_api.h>

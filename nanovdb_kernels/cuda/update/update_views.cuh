@@ -244,7 +244,7 @@ struct FootprintView {
 #endif
 };
 
-// KnownTables: what is remembered about directions other than the best.
+// KnownTables: what is remembered about directions.
 
 /// From cells back to directions of the tool (ExactTables::cell_directions).
 struct CellTableView {
