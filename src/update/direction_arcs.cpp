@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <limits>
 #include <map>
@@ -113,6 +114,10 @@ DirectionArcs::DirectionArcs(const kernels::ToolKernelView& tool, int num_direct
   }
   // The arcs of each column of voxels, and at which heights.
   std::vector<std::vector<std::map<ArcEnds, Heights>>> found(size_x);
+  // With more than these it will not pay, however few columns are used: a thick tool in fine voxels would take
+  // gigabytes.
+  const auto most = static_cast<std::size_t>(kMostArcsPerColumn * static_cast<double>(size_x * size_y));
+  std::atomic<std::size_t> listed = 0;
   tbb::parallel_for(std::size_t{0}, size_x, [&](std::size_t x) {
     found[x].resize(size_y);
     if (columns_at[x].empty()) return;
@@ -125,7 +130,7 @@ DirectionArcs::DirectionArcs(const kernels::ToolKernelView& tool, int num_direct
       }
     }
     std::vector<ArcEnds> arcs;
-    for (std::size_t y = 0; y < size_y; ++y) {
+    for (std::size_t y = 0; y < size_y && listed <= most; ++y) {
       for (std::size_t z = 0; z < size_z; ++z) {
         if (!kernels::any(masks[y * size_z + z])) continue;
         findArcs(masks[y * size_z + z], num_directions, arcs);
@@ -133,8 +138,10 @@ DirectionArcs::DirectionArcs(const kernels::ToolKernelView& tool, int num_direct
           found[x][y].try_emplace(arc, size_z, false).first->second[z] = true;
         }
       }
+      listed += found[x][y].size();
     }
   });
+  if (listed > most) return;
   std::vector<ArcsOfColumn> table(size_x * size_y);
   std::vector<CoveringArc> more;
   std::map<std::vector<std::uint64_t>, std::size_t> places;  // in it
