@@ -84,6 +84,24 @@ struct BestDirection {
   }
 };
 
+/// Takes the collisions of an accessible point's best direction where they are known, else has the tool tested there.
+/// @param flips  as for dueAfterChange  @param score  in: stored; out: now
+/// @return false if the direction is blocked: then all are due
+template <class Flips>
+[[nodiscard]] ACCESSVDB_HOSTDEV bool takeKnownScore(const Flips& flips, int direction, Due& due, int& score) {
+  const int known = flips.collisionsOf(direction);
+  if (known == kNoScore) {
+    due.test_best |= kTestTool;
+  } else if (known >= flips.limit()) {
+    due.kind = DueKind::All;
+    return false;
+  } else {
+    due.best_score = static_cast<std::uint16_t>(known);
+    score = known;
+  }
+  return true;
+}
+
 /// What is due because the point or the map around it changed.
 /// @param before   the point's directions at the last update; equal to those of `point` if it did not change
 /// @param changed  whether they differ; if so, the stored result is at least confirmed
@@ -108,7 +126,6 @@ template <class Flips>
   const PointDirections& now = point.directions;
   const bool accessible = point.stored.label == PointLabel::Accessible;
   int score = point.stored.score;
-  bool became_worse = false;
   const GroupMasks masks = flips.masks();
   const float best_cosine_before = cosToNormal(approach, best.direction, before.normal);
   if (accessible) {
@@ -116,19 +133,10 @@ template <class Flips>
     // What became free may also let an earlier roll have as few collisions.
     const bool may_improve = score > 0 || point.stored.roll > 0;
     if (masks.worse_tool.test(best.direction) || (may_improve && masks.better_tool.test(best.direction))) {
-      const int now_score = flips.collisionsOf(best.direction);
-      if (now_score == kNoScore) {
-        due.test_best |= kTestTool;
-      } else if (now_score >= flips.limit()) {
-        due.kind = DueKind::All;
-        return due;
-      } else {
-        due.best_score = static_cast<std::uint16_t>(now_score);
-        became_worse = now_score > score;
-        score = now_score;
-      }
+      if (!takeKnownScore(flips, best.direction, due, score)) return due;
     }
   }
+  const bool became_worse = score > point.stored.score;
   const int most = accessible ? score : flips.limit() - 1;
   bool some = false;
   ACCESSVDB_UNROLL
@@ -181,16 +189,7 @@ template <class Flips>
   int score = point.stored.score;
   if (accessible) {
     due.test_best = kTestArm;
-    const int now_score = flips.collisionsOf(best.direction);
-    if (now_score == kNoScore) {
-      due.test_best |= kTestTool;
-    } else if (now_score >= flips.limit()) {
-      due.kind = DueKind::All;
-      return due;
-    } else {
-      due.best_score = static_cast<std::uint16_t>(now_score);
-      score = now_score;
-    }
+    if (!takeKnownScore(flips, best.direction, due, score)) return due;
   }
   const int most = accessible ? score : flips.limit() - 1;
   ACCESSVDB_UNROLL

@@ -37,7 +37,7 @@ struct Scratch {
   NearPoints near;
   std::uint16_t listed[kWarps][NearestOfList::kMostListed];
   Batch batch;
-  std::uint16_t order[kMostMovedInBlock];  ///< the block's moved points, cell by cell
+  std::uint16_t order[kMostInBlock];  ///< the block's moved points, cell by cell
   std::uint32_t begin[kCells + 1];
   std::uint32_t first, count;  ///< MovedBlock
 };

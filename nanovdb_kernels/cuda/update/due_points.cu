@@ -27,8 +27,6 @@ __device__ StoredScore storedScore(const PointStateView& points, std::size_t id)
   return {points.label[id], points.direction[id], points.score[id], points.rollOf(static_cast<std::uint32_t>(id))};
 }
 
-__device__ bool isSet(const std::uint32_t* bits, std::uint32_t id) { return (bits[id >> 5] >> (id & 31) & 1u) != 0; }
-
 /// What flips mean for a point; read only if the rule asks.
 struct FlipsOfPoint {
   const DueContext& context;

@@ -10,7 +10,6 @@
 #include "cuda/update/flips_near.cuh"
 #include "cuda/update/known_collisions.cuh"
 #include "cuda/update/masks_of_warp.cuh"
-#include "cuda/update/tile_of_leaf.cuh"
 #include "cuda/update/update_kernels.h"
 
 namespace accessvdb::kernels {
@@ -36,7 +35,7 @@ __global__ void findTiles(FlipsView flips, std::uint32_t count, std::uint32_t* n
   if (n >= count) return;
   const LeafFlips& flip = flips.list[n];
   bool is_new = false;
-  const std::uint32_t slot = flips.hash.insert(tileOfLeaf(flip.leaf), is_new);
+  const std::uint32_t slot = flips.hash.insert(FlipsView::keyOf(flip.leaf), is_new);
   if (is_new) flips.tile_at[slot] = atomicAdd(num_tiles, 1u);
 }
 
@@ -44,7 +43,7 @@ __global__ void addFlips(FlipsView flips, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
   const LeafFlips& flip = flips.list[n];
-  const std::uint32_t slot = flips.hash.find(tileOfLeaf(flip.leaf));
+  const std::uint32_t slot = flips.hash.find(FlipsView::keyOf(flip.leaf));
   const std::uint32_t tile = flips.tile_at[slot], place = placeInTile(flip.leaf[0], flip.leaf[1]);
   const std::size_t column = std::size_t{tile} * FlipsView::kColumns + place;
   atomicOr(reinterpret_cast<unsigned long long*>(flips.occupied + tile), 1ull << place);

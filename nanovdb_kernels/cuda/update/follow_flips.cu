@@ -18,7 +18,6 @@ namespace {
 /// Voxels that are taken at a time: no step of one byte may overflow.
 constexpr int kMostVoxels = 124;
 static_assert(kMostVoxels <= known_count::kMostTogether);
-constexpr int kMostInBlock = 512;  ///< points: one per voxel
 /// Voxels whose arcs are read together, to hide memory latency.
 constexpr int kTogether = 4;
 static_assert(kMostVoxels % kTogether == 0);
@@ -191,7 +190,7 @@ class BlockFollower {
     for (std::uint32_t from = 0; from < count; from += kWarp) {
       const std::uint32_t n = from + static_cast<std::uint32_t>(lane_);
       const std::uint32_t id = n < count ? index.ids[first + n] : kNoIndex;
-      const bool known = id != kNoIndex && (context_.known.counted_bits[id >> 5] >> (id & 31) & 1u) != 0;
+      const bool known = id != kNoIndex && isSet(context_.known.counted_bits, id);
       const unsigned all = __ballot_sync(kAllLanes, known);
       if (known) near_.points[points_ + __popc(all & ((1u << lane_) - 1u))] = static_cast<std::uint16_t>(n);
       points_ += __popc(all);

@@ -40,20 +40,6 @@ __device__ inline void stepSet(const DirectionMask& set, std::uint32_t count, st
   }
 }
 
-/// countFreed for an arc.
-__device__ inline void addArcSteps(const DirectionArc& arc, std::uint32_t count, std::uint32_t directions,
-                                   std::uint32_t* steps) {
-  if (arc.count == 0) return;
-  const std::uint32_t end = arc.first + std::uint32_t{arc.count};
-  atomicAdd(steps + arc.first, count);
-  if (end < directions) {
-    atomicAdd(steps + end, 0u - count);
-  } else if (end > directions) {  // wraps around
-    atomicAdd(steps, count);
-    atomicAdd(steps + end - directions, 0u - count);
-  }
-}
-
 /// Adds the voxels that stopped colliding in one cell of a leaf. One lane per cell; `steps` is shared by the warp.
 /// @tparam kSets  whether the cells have a set of directions each (CellTableView::sets), or an arc
 /// @param leaf  first leaf of the points' group
@@ -79,7 +65,17 @@ __device__ void countFreed(const FlipContext& context, const std::int32_t* leaf,
   if constexpr (kSets) {
     stepSet(cells.sets[entry], count, steps);
   } else {
-    addArcSteps(cells.table[entry], count, static_cast<std::uint32_t>(context.num_directions), steps);
+    const DirectionArc arc = cells.table[entry];
+    if (arc.count == 0) return;
+    const auto directions = static_cast<std::uint32_t>(context.num_directions);
+    const std::uint32_t end = arc.first + std::uint32_t{arc.count};
+    atomicAdd(steps + arc.first, count);
+    if (end < directions) {
+      atomicAdd(steps + end, 0u - count);
+    } else if (end > directions) {  // wraps around
+      atomicAdd(steps, count);
+      atomicAdd(steps + end - directions, 0u - count);
+    }
   }
 }
 

@@ -67,7 +67,7 @@ __device__ float squaredDistance(const float* a, const float* b) {
 /// Appends points of a block to the list, next to each other. All lanes call it.
 /// @param ids  of the block  @param mine  those of ids[32 * lane ...]
 __device__ void listMoved(const MovedView& moved, const std::uint32_t* ids, unsigned mine, unsigned lane) {
-  static_assert(kMostMovedInBlock <= kWarp * kWarp);
+  static_assert(kMostInBlock <= kWarp * kWarp);
   const std::uint32_t count = __reduce_add_sync(kAllLanes, static_cast<unsigned>(__popc(mine)));
   if (count == 0) return;
   std::uint32_t at = 0;

@@ -4,7 +4,6 @@
 /// lie in a few pieces. Within a layer their order is that of the threads; no result depends on it.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/memory/growing.h"
-#include "cuda/update/tile_of_leaf.cuh"
 #include "cuda/update/update_kernels.h"
 
 namespace accessvdb::kernels {
@@ -14,7 +13,7 @@ constexpr unsigned kThreads = 256;
 constexpr unsigned kThreadsPerLeaf = 8;
 
 __device__ std::uint32_t& layerOf(const FlipsView& flips, const LeafFlips& flip) {
-  const std::uint32_t tile = flips.tile_at[flips.hash.find(tileOfLeaf(flip.leaf))];
+  const std::uint32_t tile = flips.tile_at[flips.hash.find(FlipsView::keyOf(flip.leaf))];
   return flips.layer_begin[tile * FlipsView::kLayers + (flip.leaf[2] & 15)];
 }
 

@@ -49,6 +49,13 @@ struct UpdateCounters {
   std::uint32_t resolved;  ///< points that lend their direction under the paper's policy
 };
 
+#if defined(__CUDACC__)
+/// Whether a point is marked. @param bits  [n / 32] by id
+[[nodiscard]] __device__ inline bool isSet(const std::uint32_t* bits, std::uint32_t id) {
+  return (bits[id >> 5] >> (id & 31) & 1u) != 0;
+}
+#endif
+
 // PointTables: the points, what lies where, and what neighbourhoods are made of.
 
 /// Points by leaf of the map.
@@ -128,7 +135,7 @@ struct PlacesView {
   std::uint32_t* reached_blocks = nullptr;
 };
 /// Most points in a block, one per voxel.
-inline constexpr std::uint32_t kMostMovedInBlock = 512;
+inline constexpr std::uint32_t kMostInBlock = 512;
 /// Moved points of one block: `count` items of the list, from `first` on.
 struct MovedBlock {
   std::uint32_t first = 0, count = 0;
@@ -199,6 +206,13 @@ struct FlipsView {
   /// The same voxels, those of a tile next to each other, and in it layer of leaves by layer: TileVoxel::code.
   std::uint32_t* by_layer = nullptr;
   std::uint32_t* layer_begin = nullptr;  ///< [17 tiles]
+
+#if defined(__CUDACC__)
+  /// Key of the tile that a leaf lies in. @param leaf  voxel index >> 3
+  [[nodiscard]] static __device__ std::uint64_t keyOf(const std::int32_t* leaf) {
+    return placeKey(leaf[0] >> kTileLog2, leaf[1] >> kTileLog2, leaf[2] >> 4);
+  }
+#endif
 };
 
 /// A flipped voxel in its tile.
