@@ -39,6 +39,10 @@ constexpr const char* kTextType = "std_msgs::msg::dds_::String_";
 constexpr std::uint32_t kMostPoseBytes = 16U << 10;
 /// Messages of one topic that are held at once: the listener takes each when it arrives.
 constexpr int kHeldMessages = 4;
+constexpr int kMostParticipants = 64;
+/// Messages that are being put together from fragments: a sender that is killed inside one keeps its place until it is
+/// noticed to be gone, ten seconds later, and must not take that of another.
+constexpr int kStartedMessages = kMostParticipants;
 
 /// Somebody who publishes a topic that is wanted.
 struct Sender {
@@ -55,7 +59,7 @@ rtps::Locator_t loopback() {
 }
 
 fast::DomainParticipantQos participantQos(const ParticipantOptions& options) {
-  constexpr std::size_t kMostParticipants = 64, kMostEndpoints = 512;
+  constexpr std::size_t kMostEndpoints = 512;
   constexpr std::uint32_t kSocketBytes = 4U << 20;  // the system may give less
   fast::DomainParticipantQos qos;
   qos.name("accessvdb");
@@ -287,7 +291,7 @@ struct Participant::Impl {
     qos.resource_limits().max_instances = 1;
     qos.resource_limits().max_samples_per_instance = kHeldMessages;
     qos.resource_limits().allocated_samples = kHeldMessages;
-    qos.resource_limits().extra_samples = kHeldMessages;  // being put together from fragments
+    qos.resource_limits().extra_samples = kStartedMessages;
     // What a sender announces is not what is allocated: messages have their places before they come.
     qos.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;
     fast::Topic* topic = topicOf(to.topic, sender.type, to.of_clouds ? options.most_message_bytes : kMostPoseBytes);

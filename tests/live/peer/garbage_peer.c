@@ -102,7 +102,7 @@ int main(int argc, char** argv) {
       check(dds_write(writer, &sample), "write");
     }
     free(bytes);
-    dds_sleepfor(DDS_MSECS(fixed > 0 && die_us == 0 ? 100 : 2));
+    if (die_us == 0) dds_sleepfor(DDS_MSECS(fixed > 0 ? 100 : 2));
   }
   if (reliable) dds_wait_for_acks(writer, DDS_SECS(3));
   dds_sleepfor(DDS_MSECS(300));
