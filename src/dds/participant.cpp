@@ -37,12 +37,12 @@ constexpr const char* kCloudType = "sensor_msgs::msg::dds_::PointCloud2_";
 constexpr const char* kTextType = "std_msgs::msg::dds_::String_";
 /// Odometry has about 700 bytes, and two names of up to 256.
 constexpr std::uint32_t kMostPoseBytes = 16U << 10;
-/// Messages of one topic that are held at once: the listener takes each when it arrives.
+/// Messages of one topic that are whole and held at once: the listener takes each when it arrives.
 constexpr int kHeldMessages = 4;
 constexpr int kMostParticipants = 64;
-/// Messages that are being put together from fragments: a sender that is killed inside one keeps its place until it is
-/// noticed to be gone, ten seconds later, and must not take that of another.
-constexpr int kStartedMessages = kMostParticipants;
+/// Places of messages of one topic, also of those that are being put together from fragments: a sender that is killed
+/// inside one keeps its place until it is noticed to be gone, ten seconds later, and must not take that of another.
+constexpr int kMessagePlaces = kHeldMessages + kMostParticipants;
 
 /// Somebody who publishes a topic that is wanted.
 struct Sender {
@@ -286,12 +286,11 @@ struct Participant::Impl {
     qos.reliability().kind = sender.reliable ? fast::RELIABLE_RELIABILITY_QOS : fast::BEST_EFFORT_RELIABILITY_QOS;
     qos.durability().kind = fast::VOLATILE_DURABILITY_QOS;
     qos.history().kind = fast::KEEP_LAST_HISTORY_QOS;
-    qos.history().depth = kHeldMessages;
-    qos.resource_limits().max_samples = kHeldMessages;
+    qos.history().depth = kMessagePlaces;  // readers have no other places, whatever extra_samples says
+    qos.resource_limits().max_samples = kMessagePlaces;
     qos.resource_limits().max_instances = 1;
-    qos.resource_limits().max_samples_per_instance = kHeldMessages;
+    qos.resource_limits().max_samples_per_instance = kMessagePlaces;
     qos.resource_limits().allocated_samples = kHeldMessages;
-    qos.resource_limits().extra_samples = kStartedMessages;
     // What a sender announces is not what is allocated: messages have their places before they come.
     qos.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;
     fast::Topic* topic = topicOf(to.topic, sender.type, to.of_clouds ? options.most_message_bytes : kMostPoseBytes);
