@@ -97,9 +97,7 @@ void passTime(FieldStages& field, double age_s, FrameStats& stats) {
 }
 
 UpdateStats update(FieldStages& field, const BackgroundUpdate::ReleaseMap& release_map) {
-  field.gone_points.publish();
-  field.left_out_points.publish(field.points, field.map.leftOut(), field.gone_points.published(),
-                                field.gate.origin_W());
+  publishWithheld(field);
   field.scheduler->whenMapIsReleased(release_map);
   const UpdateStats stats = field.scheduler->update(field.mirrors.grid());
   field.labels.backlog = stats.backlog;
@@ -129,6 +127,12 @@ FrameStats integrateScan(FieldStages& field, const GateScan& gate, double stamp_
   field.labels.noted_ms += noting_ms;
   stats.integrate_ms = all.milliseconds() - stats.mirror_ms - noting_ms;
   return stats;
+}
+
+void publishWithheld(FieldStages& field) {
+  field.gone_points.publish();
+  field.left_out_points.publish(field.points, field.map.leftOut(), field.gone_points.published(),
+                                field.gate.origin_W());
 }
 
 void advanceTime(FieldStages& field, std::optional<double> latest_s, double age_s) {

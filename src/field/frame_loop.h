@@ -23,6 +23,9 @@ FrameStats integrateScan(FieldStages& field, const GateScan& gate,
 /// @param latest_s  stamp of the latest scan there  @param age_s  FreeGenerations::age_s() there; not less than here
 void advanceTime(FieldStages& field, std::optional<double> latest_s, double age_s);
 
+/// Points that are unscored whatever their state says are so from now on: at each update.
+void publishWithheld(FieldStages& field);
+
 /// Brings the labels up to date, at once or on a thread of its own.
 UpdateStats updateLabels(FieldStages& field);
 UpdateTicket updateLabelsAsync(FieldStages& field);
