@@ -65,7 +65,15 @@ class ACCESSVDB_API RollingField {
   RollingField(RollingField&&) noexcept;
   RollingField& operator=(RollingField&&) noexcept;
 
-  /// As AccessibilityField's. @throws also OutputError where a tile cannot be saved; nothing is lost then
+  /// Goes on after the last checkpoint() of a field with the same tools and parameters in this folder. What came after
+  /// it is not there; all that follows has the labels that it would have had.
+  /// @throws InputError "rolling.missing" (there is none), "rolling.damaged"; UnusableInput "rolling.changed"
+  [[nodiscard]] static RollingField resume(std::vector<ToolSpec> tools, const FieldParams& params,
+                                           RollingOptions options, const TableProgress& progress = {});
+  /// Saves what changed since the last one, whole or not at all. The tiles in memory stay there. @throws OutputError
+  void checkpoint();
+
+  /// As AccessibilityField's. @throws also OutputError where a tile cannot be saved: then nothing has changed
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
                            std::optional<double> stamp_s = {});
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
@@ -86,6 +94,7 @@ class ACCESSVDB_API RollingField {
   void write(const std::filesystem::path& out, const io::WriteOptions& files = {});
 
  private:
+  RollingField();
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

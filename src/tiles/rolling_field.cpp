@@ -33,6 +33,7 @@ using tiles::RollingTile;
 using tiles::TileIndex;
 
 constexpr std::int32_t kLargestTile_voxels = 1 << 16;
+constexpr const char* kManifest = "rolling.json";
 
 /// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of
 /// tiles with edge e, the ones that a scan of range R touches hold about (2 R + e)^2 (1 + 2 m / e)^2, least at
@@ -99,8 +100,9 @@ void add(const UpdateStats& of_tile, UpdateStats& stats) {
 }  // namespace
 
 struct RollingField::Impl {
+  /// @param resumed  whether the folder is that of an earlier field
   Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
-       const TableProgress& progress)
+       const TableProgress& progress, bool resumed)
       : tools(namedTools(std::move(given_tools))),
         params(toolParams(tools.front(), given).resolved()),
         options(std::move(given_options)),
@@ -110,7 +112,7 @@ struct RollingField::Impl {
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         tiles(tools, given, options.folder, {options.memory_limit_bytes, options.device_limit_bytes}, tile_voxels) {
     requireRolling(params, options, margins);
-    requireEmpty(options.folder);
+    if (!resumed) requireEmpty(options.folder);
     io::prepareOutputFolder(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
   }
@@ -130,24 +132,34 @@ struct RollingField::Impl {
                         "Start a new field");
   }
 
-  /// @param stamp_s  not finite: none
-  void take(const internal::GatedScan& scan, double stamp_s, FrameStats& stats) {
-    const std::uint64_t step = first_ids.size();
-    first_ids.push_back(points);
+  /// The tiles that a scan touches, nearest first; null for those that do not fit.
+  using Touched = std::vector<std::pair<TileIndex, RollingTile*>>;
+  /// Before anything changes: tiles leave and come.
+  Touched prepare(const internal::GatedScan& scan) {
+    requireWhole();
     const Eigen::Vector3d& origin_W = gate.origin_W();
     if (gate.hasOrigin()) tiles.setOrigin({origin_W.x(), origin_W.y(), origin_W.z()});
-    const tiles::MapTime before = {clock.latest_s(), age_s};
+    tiles.noteGrowth(std::exchange(growth, {}));
+    const tiles::MapTime now = {clock.latest_s(), age_s};
+    const std::vector<TileIndex> ids = nearestFirst(scan);
+    if (!ids.empty()) nearest = ids.front();
+    Touched touched;
+    for (const TileIndex& id : ids) touched.emplace_back(id, tileFor(id, first_ids.size(), now));
+    return touched;
+  }
+
+  /// @param stamp_s  not finite: none
+  void take(const internal::GatedScan& scan, const Touched& touched, double stamp_s, FrameStats& stats) {
+    const Moment moment = {first_ids.size(), stamp_s};
+    first_ids.push_back(points);
     clock.note(stamp_s);
     stamps_s.push_back(stamp_s);
     memory_short = false;
-    tiles.noteGrowth(std::exchange(growth, {}));
-    const std::vector<TileIndex> touched = nearestFirst(scan);
-    if (!touched.empty()) nearest = touched.front();
     std::vector<Fresh> fresh;
-    for (const TileIndex& id : touched) {
+    for (const auto& [id, tile] : touched) {
       const tiles::StepSorter::Returns returns = sorter.returnsOf(id, scan);
-      if (RollingTile* tile = tileFor(id, step, before)) {
-        fuse(id, *tile, returns, {step, stamp_s}, fresh, stats);
+      if (tile != nullptr) {
+        fuse(id, *tile, returns, moment, fresh, stats);
       } else {
         tiles.leaveOut(id, returns.p_L);
         noteShort(id, scan);
@@ -159,15 +171,34 @@ struct RollingField::Impl {
     stats.surface_points = points;
   }
 
+  template <typename Gate>
+  FrameStats integrate(const Gate& gated, std::optional<double> stamp_s) {
+    const kernels::Stopwatch all;
+    FrameStats stats;
+    requireWhole();
+    const internal::GatedScan& scan = gated(stats);
+    const Touched touched = prepare(scan);
+    return run([&] {
+      take(scan, touched, stamp_s.value_or(std::numeric_limits<double>::quiet_NaN()), stats);
+      stats.integrate_ms = all.milliseconds() - stats.mirror_ms;
+      return stats;
+    });
+  }
+
   /// In memory and, if there is room, growing; null if there is no room for it at all.
   /// The nearest one always is in memory, so that the map is never blind.
   RollingTile* tileFor(const TileIndex& id, std::uint64_t step, const tiles::MapTime& now) {
     const bool room = tiles.makeRoomFor(id, step);
-    RollingTile* known = tiles.inMemory(id);
-    if (known == nullptr) return room || id == nearest ? &tiles.at(id, now) : nullptr;
-    if (room && !known->field.grows()) return &tiles.growAgain(id, now);
-    if (!room && known->field.grows()) known->field.stopGrowing();
-    return &tiles.at(id, now);
+    RollingTile* tile = tiles.inMemory(id);
+    if (tile == nullptr && !room && id != nearest) return nullptr;
+    if (tile != nullptr && room && !tile->field.grows()) {
+      tile = &tiles.growAgain(id, now);
+    } else {
+      if (tile != nullptr && !room && tile->field.grows()) tile->field.stopGrowing();
+      tile = &tiles.at(id, now);
+    }
+    tile->touched = step;  // it stays, whatever the others need
+    return tile;
   }
 
   struct Moment {
@@ -187,8 +218,8 @@ struct RollingField::Impl {
     add(of_tile, stats);
     stats.left_out_returns += of_tile.left_out_returns;
     tile.returns += of_tile.points_used;
-    tile.touched = moment.step;
     tile.behind = true;
+    tile.as_saved.reset();
     const internal::VoxelColumnBox core = internal::coreOf(tiles::TileId{id.first, id.second, {}}.window(tile_voxels));
     for (auto point = static_cast<std::uint32_t>(tile.ids.size()); point < store.size(); ++point) {
       const internal::Index3 voxel = store.voxelOf(store.first_L(point));
@@ -268,6 +299,53 @@ struct RollingField::Impl {
     return identified(std::move(plan));
   }
 
+  /// @param saved  RollingTiles::saveAll()
+  [[nodiscard]] tiles::Json manifest(const tiles::Json& saved) const {
+    tiles::Json stamps = tiles::Json::array();
+    for (const double stamp_s : stamps_s)
+      stamps.push_back(std::isfinite(stamp_s) ? tiles::Json(stamp_s) : tiles::Json());
+    tiles::Json json = {{"schema", 1},
+                        {"program", ACCESSVDB_VERSION},
+                        {"parameters", describeTools(tools, params)},
+                        {"tool_sha256", toolListSha256(tools)},
+                        {"tile_voxels", tile_voxels},
+                        {"points", points},
+                        {"age_s", age_s},
+                        {"left_out_returns", left_out_returns},
+                        {"first_ids", first_ids},
+                        {"stamps_s", stamps},
+                        {"lost_tiles", tiles.lost()},
+                        {"tiles", saved}};
+    const Eigen::Vector3d& origin_W = gate.origin_W();
+    if (gate.hasOrigin()) json["origin_W"] = {origin_W.x(), origin_W.y(), origin_W.z()};
+    if (const auto latest_s = clock.latest_s()) json["latest_s"] = *latest_s;
+    return json;
+  }
+  void restore(const tiles::Json& json) {
+    const auto same = [&](const char* what, const std::string& value) {
+      return json.at(what).get<std::string>() == value;
+    };
+    if (!same("program", ACCESSVDB_VERSION) || !same("parameters", describeTools(tools, params)) ||
+        !same("tool_sha256", toolListSha256(tools)) || json.at("tile_voxels").get<std::int32_t>() != tile_voxels) {
+      throw UnusableInput("rolling.changed", options.folder.string(),
+                          "was made with other tools, parameters or tiles, or by another version",
+                          "Use what it was made with, or another folder");
+    }
+    json.at("points").get_to(points);
+    json.at("age_s").get_to(age_s);
+    json.at("left_out_returns").get_to(left_out_returns);
+    json.at("first_ids").get_to(first_ids);
+    for (const tiles::Json& stamp : json.at("stamps_s"))
+      stamps_s.push_back(stamp.is_null() ? std::numeric_limits<double>::quiet_NaN() : stamp.get<double>());
+    if (json.contains("latest_s")) clock = internal::FieldClock(json.at("latest_s").get<double>());
+    if (json.contains("origin_W")) {
+      const auto origin_W = json.at("origin_W").get<std::array<double, 3>>();
+      gate.restoreOrigin(Eigen::Vector3d(origin_W.data()));
+      tiles.setOrigin(origin_W);
+    }
+    tiles.restore(json.at("tiles"), json.at("lost_tiles").get<std::vector<std::string>>());
+  }
+
   std::vector<ToolSpec> tools;
   FieldParams params;  ///< resolved, for the first tool
   RollingOptions options;
@@ -290,51 +368,67 @@ struct RollingField::Impl {
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                            const TableProgress& progress)
-    : impl_(std::make_unique<Impl>(std::move(tools), params, std::move(options), progress)) {}
+    : impl_(std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, false)) {}
+RollingField::RollingField() = default;
 RollingField::~RollingField() = default;
 RollingField::RollingField(RollingField&&) noexcept = default;
 RollingField& RollingField::operator=(RollingField&&) noexcept = default;
 
 FrameStats RollingField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
                                        std::optional<double> stamp_s) {
-  const kernels::Stopwatch all;
-  FrameStats stats;
-  impl_->requireWhole();
-  const internal::GatedScan& scan = impl_->gate.gate(points_S, T_W_S, stats);
-  return impl_->run([&] {
-    impl_->take(scan, stamp_s.value_or(std::numeric_limits<double>::quiet_NaN()), stats);
-    stats.integrate_ms = all.milliseconds() - stats.mirror_ms;
-    return stats;
-  });
+  const auto gate = [&](FrameStats& stats) -> const internal::GatedScan& {
+    return impl_->gate.gate(points_S, T_W_S, stats);
+  };
+  return impl_->integrate(gate, stamp_s);
 }
 
 FrameStats RollingField::integrateRays(std::span<const Eigen::Vector3d> points_W,
                                        std::span<const Eigen::Vector3d> origins_W, std::optional<double> stamp_s) {
-  const kernels::Stopwatch all;
-  FrameStats stats;
-  impl_->requireWhole();
-  const internal::GatedScan& scan = impl_->gate.gate(points_W, origins_W, stats);
-  return impl_->run([&] {
-    impl_->take(scan, stamp_s.value_or(std::numeric_limits<double>::quiet_NaN()), stats);
-    stats.integrate_ms = all.milliseconds() - stats.mirror_ms;
-    return stats;
-  });
+  const auto gate = [&](FrameStats& stats) -> const internal::GatedScan& {
+    return impl_->gate.gate(points_W, origins_W, stats);
+  };
+  return impl_->integrate(gate, stamp_s);
 }
 
 UpdateStats RollingField::update() {
-  return impl_->run([&] {
-    UpdateStats stats;
+  const UpdateStats stats = impl_->run([&] {
+    UpdateStats all;
     for (auto& [id, tile] : impl_->tiles.tilesInMemory()) {
       if (!tile->behind) continue;
-      add(tile->field.update(), stats);
+      tile->as_saved.reset();
+      add(tile->field.update(), all);
       tile->behind = false;
       tile->updated = true;
       impl_->measure(*tile);
     }
     impl_->tiles.oweUpdate();
-    impl_->tiles.shrink(impl_->nearest);
-    return stats;
+    return all;
   });
+  impl_->tiles.shrink(impl_->nearest);
+  return stats;
+}
+
+void RollingField::checkpoint() {
+  impl_->requireWhole();
+  const tiles::Json saved = impl_->tiles.saveAll();
+  tiles::writeJson(impl_->options.folder / kManifest, impl_->manifest(saved));
+  impl_->tiles.keep(saved);
+}
+
+RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
+                                  const TableProgress& progress) {
+  const fs::path file = options.folder / kManifest;
+  if (!io::isThere(file)) {
+    throw InputError("rolling.missing", file.string(), "is not there",
+                     "Name the folder of an earlier run, or start without resuming");
+  }
+  RollingField field;
+  tiles::readJson(file, "rolling", [&](const tiles::Json& json) {
+    if (options.tile_voxels == 0) json.at("tile_voxels").get_to(options.tile_voxels);
+    field.impl_ = std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, true);
+    field.impl_->restore(json);
+  });
+  return field;
 }
 
 void RollingField::forEachTile(const std::function<void(std::span<const SurfacePoint> points)>& take) {

@@ -5,7 +5,7 @@
 #include <malloc.h>
 
 #include <algorithm>
-#include <cmath>
+#include <charconv>
 #include <fstream>
 
 #include "accessvdb/error.h"
@@ -13,12 +13,34 @@
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "field/field_access.h"
+#include "io/streams/input_file.h"
 #include "points/point_store.h"
 
 namespace accessvdb::tiles {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr const char *kState = ".state", *kIds = ".ids";
+
+/// Whether a name is one that we give: X_Y.SERIAL.state, X_Y.SERIAL.ids.
+bool isOwnName(const std::string& name, std::uint64_t& serial) {
+  for (const std::string ending : {kState, kIds}) {
+    if (!name.ends_with(ending)) continue;
+    const std::string rest = name.substr(0, name.size() - ending.size());
+    const std::size_t dot = rest.find('.');
+    if (dot == std::string::npos) return false;
+    try {
+      static_cast<void>(TileId::parse(rest.substr(0, dot)));
+    } catch (const InvalidArgument&) {
+      return false;
+    }
+    const char* const end = rest.data() + rest.size();
+    const auto [last, error] = std::from_chars(rest.data() + dot + 1, end, serial);
+    return error == std::errc() && last == end;
+  }
+  return false;
+}
 
 TileId idOf(const TileIndex& index) { return {index.first, index.second, {}}; }
 
@@ -28,9 +50,10 @@ void writeIds(const fs::path& file, const std::vector<std::uint32_t>& ids) {
   });
 }
 
-/// @throws InputError "state.damaged"
+/// @throws InputError "state.damaged"; another one if the file cannot be read
 std::vector<std::uint32_t> readIds(const fs::path& file, std::size_t count, const std::string& sha256) {
   std::vector<std::uint32_t> ids(count);
+  static_cast<void>(io::inputFileSize(file));
   std::ifstream in(file, std::ios::binary);
   in.read(reinterpret_cast<char*>(ids.data()), static_cast<std::streamsize>(count * sizeof ids[0]));
   if (!in || in.peek() != std::ifstream::traits_type::eof() || io::sha256OfFile(file) != sha256) {
@@ -117,26 +140,33 @@ bool RollingTiles::letOldestGo(const std::function<bool(const TileIndex& id, con
   }
   if (oldest == in_memory_.end()) return false;
   save(oldest->first, *oldest->second);
+  stored_[oldest->first] = *std::move(oldest->second->as_saved);
   in_memory_.erase(oldest);
   malloc_trim(0);  // what comes next gets this memory, and not more from the system
   return true;
 }
 
 void RollingTiles::save(const TileIndex& id, RollingTile& tile) {
-  const std::uint64_t serial = serial_++;
-  Stored stored;
-  stored.serial = serial;
-  stored.touched = tile.touched;
-  stored.returns = tile.returns;
-  stored.behind = tile.behind;
-  stored.updated = tile.updated;
-  stored.bytes = tile.bytes;
-  const fs::path state = file(id, serial, ".state"), ids = file(id, serial, ".ids");
-  tile.field.saveState(state);
-  writeIds(ids, tile.ids);
-  stored.ids_sha256 = io::sha256OfFile(ids);
-  stored_[id] = std::move(stored);
+  if (!tile.as_saved) {
+    StoredTile stored;
+    stored.serial = serial_++;
+    stored.touched = tile.touched;
+    stored.returns = tile.returns;
+    stored.updated = tile.updated;
+    stored.behind = tile.behind;
+    stored.bytes = tile.bytes;
+    const fs::path ids = file(id, *stored.serial, kIds);
+    tile.field.saveState(file(id, *stored.serial, kState));
+    writeIds(ids, tile.ids);
+    stored.ids_sha256 = io::sha256OfFile(ids);
+    tile.as_saved = std::move(stored);
+  }
   ++saved_;
+}
+
+void RollingTiles::removeFiles(const TileIndex& id, std::uint64_t serial) const {
+  std::error_code ignored;
+  for (const char* ending : {kState, kIds}) fs::remove(file(id, serial, ending), ignored);
 }
 
 RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
@@ -148,10 +178,7 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
   const auto stored = stored_.find(id);
   if (stored != stored_.end()) {
     tile = std::make_unique<RollingTile>(load(id, now));
-    std::error_code ignored;
-    for (const char* ending : {".state", ".ids"}) {
-      if (stored->second.serial) fs::remove(file(id, *stored->second.serial, ending), ignored);
-    }
+    if (stored->second.serial && !kept_.contains(*stored->second.serial)) removeFiles(id, *stored->second.serial);
     stored_.erase(stored);
   } else {
     tile = std::make_unique<RollingTile>(newField(id));
@@ -164,6 +191,7 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
 
 RollingTile& RollingTiles::growAgain(const TileIndex& id, const MapTime& now) {
   save(id, *in_memory_.at(id));
+  stored_[id] = *std::move(in_memory_.at(id)->as_saved);
   in_memory_.erase(id);
   return at(id, now);
 }
@@ -173,12 +201,12 @@ RollingTile* RollingTiles::inMemory(const TileIndex& id) {
   return found == in_memory_.end() ? nullptr : found->second.get();
 }
 
-RollingTile RollingTiles::readBack(const TileIndex& id, const Stored& stored) {
+RollingTile RollingTiles::readBack(const TileIndex& id, const StoredTile& stored) {
   if (!stored.serial) return RollingTile(newField(id));
   RollingTile tile(
-      AccessibilityField::loadState(file(id, *stored.serial, ".state"), tools_, params_.backend, params_.threads));
+      AccessibilityField::loadState(file(id, *stored.serial, kState), tools_, params_.backend, params_.threads));
   const std::size_t points = internal::FieldAccess::points(tile.field).size();
-  tile.ids = readIds(file(id, *stored.serial, ".ids"), points, stored.ids_sha256);
+  tile.ids = readIds(file(id, *stored.serial, kIds), points, stored.ids_sha256);
   ++loaded_;
   return tile;
 }
@@ -192,11 +220,12 @@ RollingTile RollingTiles::startClosed(const TileIndex& id) {
 }
 
 RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now) {
-  const Stored& stored = stored_.at(id);
+  const StoredTile& stored = stored_.at(id);
   std::optional<RollingTile> tile;
   try {
     tile.emplace(readBack(id, stored));
-  } catch (const InputError&) {
+  } catch (const InputError& error) {
+    if (!error.id().starts_with("state.")) throw;  // it may be there again, with the disk
     const std::string name = idOf(id).name();
     if (std::find(lost_.begin(), lost_.end(), name) == lost_.end()) lost_.push_back(name);
     tile.emplace(startClosed(id));
@@ -231,6 +260,70 @@ std::vector<TileIndex> RollingTiles::all() const {
   for (const auto& [id, tile] : stored_) ids.push_back(id);
   std::sort(ids.begin(), ids.end());
   return ids;
+}
+
+Json RollingTiles::saveAll() {
+  Json tiles = Json::array();
+  const auto add = [&](const TileIndex& id, const StoredTile& stored) {
+    Json tile = {{"tile", idOf(id).name()},      {"touched", stored.touched},
+                 {"returns", stored.returns},    {"updated", stored.updated},
+                 {"behind", stored.behind},      {"owed", stored.owed},
+                 {"bytes", stored.bytes.memory}, {"device_bytes", stored.bytes.device}};
+    if (stored.serial) {
+      tile["serial"] = *stored.serial;
+      tile["ids_sha256"] = stored.ids_sha256;
+    }
+    Json left_out = Json::array();
+    for (const Eigen::Vector3f& p_L : stored.left_out_L)
+      for (const float x : p_L) left_out.push_back(x);
+    tile["left_out_L"] = left_out;
+    tiles.push_back(tile);
+  };
+  for (const auto& [id, tile] : in_memory_) {
+    if (!tile->as_saved) {
+      save(id, *tile);
+      --saved_;  // it has not left
+    }
+    add(id, *tile->as_saved);
+  }
+  for (const auto& [id, stored] : stored_) add(id, stored);
+  return tiles;
+}
+
+void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost) {
+  lost_ = std::move(lost);
+  for (const Json& tile : tiles) {
+    const TileId id = TileId::parse(tile.at("tile"));
+    StoredTile stored;
+    tile.at("touched").get_to(stored.touched);
+    tile.at("returns").get_to(stored.returns);
+    tile.at("updated").get_to(stored.updated);
+    tile.at("behind").get_to(stored.behind);
+    tile.at("owed").get_to(stored.owed);
+    tile.at("bytes").get_to(stored.bytes.memory);
+    tile.at("device_bytes").get_to(stored.bytes.device);
+    if (tile.contains("serial")) {
+      stored.serial = tile.at("serial").get<std::uint64_t>();
+      tile.at("ids_sha256").get_to(stored.ids_sha256);
+      serial_ = std::max(serial_, *stored.serial + 1);
+    }
+    const auto left_out = tile.at("left_out_L").get<std::vector<float>>();
+    for (std::size_t n = 0; n + 2 < left_out.size(); n += 3)
+      stored.left_out_L.emplace_back(left_out[n], left_out[n + 1], left_out[n + 2]);
+    stored_[{id.x, id.y}] = std::move(stored);
+  }
+  keep(tiles);
+}
+
+void RollingTiles::keep(const Json& tiles) {
+  kept_.clear();
+  for (const Json& tile : tiles)
+    if (tile.contains("serial")) kept_.insert(tile.at("serial").get<std::uint64_t>());
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(folder_, ignored)) {
+    std::uint64_t serial = 0;
+    if (isOwnName(entry.path().filename().string(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
+  }
 }
 
 void RollingTiles::oweUpdate() {

@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <utility>
@@ -19,6 +20,7 @@
 #include "accessvdb/params.h"
 #include "accessvdb/table_progress.h"
 #include "accessvdb/tool_spec.h"
+#include "tiles/json_file.h"
 #include "tiles/ray_shard.h"
 
 namespace accessvdb::tiles {
@@ -38,6 +40,18 @@ struct TileBytes {
   }
 };
 
+/// A tile in the folder.
+struct StoredTile {
+  /// Part of its files' names: a file is never written twice. None if the tile has only left_out_L.
+  std::optional<std::uint64_t> serial;
+  std::string ids_sha256;
+  std::uint64_t touched = 0, returns = 0;  ///< as in RollingTile
+  bool updated = false, behind = false;
+  bool owed = false;  ///< an update that others have had
+  TileBytes bytes;
+  std::vector<Eigen::Vector3f> left_out_L;  ///< since it was saved
+};
+
 /// One tile in memory.
 class RollingTile {
  public:
@@ -51,9 +65,10 @@ class RollingTile {
   std::vector<std::uint32_t> ids;  ///< in the larger map, by id in the tile; kNotOurs for points around the core
   std::uint64_t touched = 0;       ///< the last step that brought a return
   std::uint64_t returns = 0;
-  bool updated = false;  ///< at least once
-  bool behind = false;   ///< a scan came after the last update
-  TileBytes bytes;       ///< as last measured
+  bool updated = false;                ///< at least once
+  bool behind = false;                 ///< a scan came after the last update
+  TileBytes bytes;                     ///< as last measured
+  std::optional<StoredTile> as_saved;  ///< its files, if nothing has changed since they were written
 };
 
 class RollingTiles {
@@ -96,6 +111,15 @@ class RollingTiles {
   }
   [[nodiscard]] std::map<TileIndex, std::unique_ptr<RollingTile>>& tilesInMemory() { return in_memory_; }
 
+  /// Saves what has changed of the tiles in memory, which stay there. @return all tiles, for restore()
+  [[nodiscard]] Json saveAll();
+  /// Of a folder where another object has called saveAll(). Only while there are no tiles.
+  /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write
+  void restore(const Json& tiles, std::vector<std::string> lost);
+  /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go, and
+  /// whatever else a process that was killed has left.
+  void keep(const Json& tiles);
+
   /// An update of all tiles is due: those in the folder get it when they are next loaded.
   void oweUpdate();
   [[nodiscard]] std::uint64_t saved() const { return saved_; }
@@ -103,24 +127,13 @@ class RollingTiles {
   [[nodiscard]] const std::vector<std::string>& lost() const { return lost_; }
 
  private:
-  /// A tile in the folder.
-  struct Stored {
-    /// Part of its files' names: a file is never written twice. None if the tile has only left_out_L.
-    std::optional<std::uint64_t> serial;
-    std::string ids_sha256;
-    std::uint64_t touched = 0, returns = 0;
-    bool updated = false, behind = false;
-    bool owed = false;  ///< an update that others have had
-    TileBytes bytes;
-    std::vector<Eigen::Vector3f> left_out_L;  ///< since it was saved
-  };
-
   [[nodiscard]] AccessibilityField newField(const TileIndex& id) const;
   [[nodiscard]] RollingTile load(const TileIndex& id, const MapTime& now);
-  [[nodiscard]] RollingTile readBack(const TileIndex& id, const Stored& stored);
+  [[nodiscard]] RollingTile readBack(const TileIndex& id, const StoredTile& stored);
   /// A tile whose state is damaged: everything in it is closed.
   [[nodiscard]] RollingTile startClosed(const TileIndex& id);
   void save(const TileIndex& id, RollingTile& tile);
+  void removeFiles(const TileIndex& id, std::uint64_t serial) const;
   [[nodiscard]] std::filesystem::path file(const TileIndex& id, std::uint64_t serial, const char* ending) const;
   [[nodiscard]] bool isWithin(const TileBytes& all) const;
   [[nodiscard]] bool fitsWith(TileBytes more) const;
@@ -134,9 +147,10 @@ class RollingTiles {
   Limits limits_;
   std::int32_t tile_voxels_;
   std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
-  std::map<TileIndex, Stored> stored_;  ///< disjoint from those in memory
-  TileBytes growth_;                    ///< that the next step may take
-  TileBytes empty_;                     ///< of a tile without returns, once one was made
+  std::map<TileIndex, StoredTile> stored_;  ///< disjoint from those in memory
+  TileBytes growth_;                        ///< that the next step may take
+  TileBytes empty_;                         ///< of a tile without returns, once one was made
+  std::set<std::uint64_t> kept_;            ///< serials that the last saveAll() named
   std::uint64_t serial_ = 0, saved_ = 0, loaded_ = 0;
   std::vector<std::string> lost_;
 };

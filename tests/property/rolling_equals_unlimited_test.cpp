@@ -1,13 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// A rolling field against one field without a limit, on random walks that return: ids, labels, and score and direction
-/// of accessible points, after every update.
+/// of accessible points, after every update. ACCESSVDB_ROLLING_WORLDS=300 tries so many more.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <fstream>
 #include <functional>
 #include <memory>
@@ -42,6 +43,12 @@ struct Case {
   double memory_share = 0.7;  ///< of what all tiles take
 };
 void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
+
+/// ACCESSVDB_ROLLING_WORLDS: so many more.
+int worlds(int otherwise) {
+  const char* given = std::getenv("ACCESSVDB_ROLLING_WORLDS");
+  return given != nullptr ? std::atoi(given) : otherwise;
+}
 
 constexpr double kVoxel_m = 0.05;
 constexpr std::int32_t kTile_voxels = 128;
@@ -296,6 +303,127 @@ TEST(RollingLoss, IsOneTileThatIsNamed) {
   EXPECT_LT(accessible, unlimited.snapshot().accessible().size());
 }
 
+/// What a process leaves that is killed after a checkpoint: the same folder, with tiles that came and went since.
+TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
+  for (int world = 0; world < worlds(1); ++world) {
+    const auto seed = static_cast<std::uint64_t>(10 + world);
+    SCOPED_TRACE(seed);
+    const Case test = {.name = "resume", .seed = seed, .change = ChangeMode::Block};
+    const std::vector<Step> steps = walk(test);
+    std::mt19937_64 random(seed);
+    const ScratchFolder scratch;
+    RollingOptions options;
+    options.folder = scratch / "states";
+    options.memory_limit_bytes = static_cast<std::uint64_t>(0.6 * static_cast<double>(bytesOfAll(test, steps)));
+    options.tile_voxels = kTile_voxels;
+    AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+    auto rolling = std::make_unique<RollingField>(toolsOf(test), paramsOf(test), options);
+    std::size_t saved_at = 0, resumed = 0;
+    std::uint64_t left_before = 0;
+    for (std::size_t n = 0; n < steps.size(); ++n) {
+      integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+      integrate(*rolling, steps[n], 0.1 * static_cast<double>(n));
+      unlimited.update();
+      rolling->update();
+      if (n % 7 == 3) {
+        rolling->checkpoint();
+        saved_at = n + 1;
+      }
+      if (saved_at == 0 || random() % 6 != 0) continue;
+      left_before += rolling->status().saved;
+      writeBytes(options.folder / "letter.txt", "of the user");
+      rolling = std::make_unique<RollingField>(RollingField::resume(toolsOf(test), paramsOf(test), options));
+      EXPECT_EQ(rolling->status().steps, saved_at);
+      EXPECT_EQ(bytesOf(options.folder / "letter.txt"), "of the user");
+      ++resumed;
+      for (std::size_t again = saved_at; again <= n; ++again) {
+        integrate(*rolling, steps[again], 0.1 * static_cast<double>(again));
+        rolling->update();
+      }
+      ASSERT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U) << "step " << n;
+    }
+    EXPECT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U);
+    EXPECT_GT(resumed, 2U);
+    EXPECT_GT(left_before + rolling->status().saved, 0U);
+    EXPECT_TRUE(rolling->status().lost_tiles.empty());
+    rolling->checkpoint();
+    std::size_t states = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(options.folder))
+      states += entry.path().extension() == ".state" ? 1 : 0;
+    EXPECT_EQ(states, rolling->status().tiles) << "of checkpoints before";
+    rolling->write(scratch / "out");
+    EXPECT_TRUE(tiles::readIndex(scratch / "out").complete);
+  }
+}
+
+TEST(RollingResume, RefusesWhatIsNotItsOwn) {
+  const Case test = {.name = "own", .seed = 13};
+  const std::vector<Step> steps = walk(test, 6);
+  const ScratchFolder scratch;
+  const RollingOptions options = {.folder = scratch / "states"};
+  {
+    RollingField rolling(toolsOf(test), paramsOf(test), options);
+    for (const Step& step : steps) integrate(rolling, step, 0);
+    rolling.checkpoint();
+  }
+  const auto refused = [&](const std::vector<ToolSpec>& tools, const FieldParams& params,
+                           const RollingOptions& with) -> std::string {
+    try {
+      const RollingField field = RollingField::resume(tools, params, with);
+      return field.status().steps == steps.size() ? "taken" : "other";
+    } catch (const Error& error) {
+      return error.id();
+    }
+  };
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), {.folder = scratch / "elsewhere"}), "rolling.missing");
+  FieldParams params = paramsOf(test);
+  params.tsdf.range_noise_m = 0.02;
+  EXPECT_EQ(refused(toolsOf(test), params, options), "rolling.changed");
+  EXPECT_EQ(refused({{ToolGeometry::builtin("builtin:pencil")}}, paramsOf(test), options), "rolling.changed");
+  RollingOptions larger = options;
+  larger.tile_voxels = 1024;
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), larger), "rolling.changed");
+  // A new field does not begin in it.
+  EXPECT_THROW(RollingField(toolsOf(test), paramsOf(test), options), OutputError);
+  std::string manifest = bytesOf(options.folder / "rolling.json");
+  manifest[manifest.size() / 2] = static_cast<char>(manifest[manifest.size() / 2] ^ 1);
+  writeBytes(options.folder / "rolling.json", manifest);
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "rolling.damaged");
+}
+
+/// A folder that takes no more files: the step is refused before anything changes, and can be repeated.
+TEST(RollingLimit, OfTheDiskRefusesAStepAndNothingElse) {
+  const Case test = {.name = "disk", .seed = 14};
+  const std::vector<Step> steps = walk(test, 20);
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "states";
+  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
+  options.tile_voxels = kTile_voxels;
+  AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  std::size_t refused = 0;
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+    std::filesystem::rename(options.folder, scratch / "away");  // root may write everywhere else
+    try {
+      integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+      std::filesystem::rename(scratch / "away", options.folder);
+    } catch (const Error& error) {
+      EXPECT_NE(error.id(), "field.broken");
+      ++refused;
+      std::filesystem::rename(scratch / "away", options.folder);
+      integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+    }
+    unlimited.update();
+    rolling.update();
+  }
+  EXPECT_GT(refused, 0U);
+  EXPECT_TRUE(rolling.status().lost_tiles.empty());
+  EXPECT_EQ(differences(unlimited.snapshot(), rolling.snapshot()), 0U);
+}
+
 TEST(RollingRefusals, NameWhatIsWrong) {
   const Case test = {.name = "refusals"};
   const ScratchFolder scratch;
@@ -332,6 +460,16 @@ std::vector<Case> cases() {
                            {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = 0.5},
                            {.name = "two_tools", .seed = 5, .change = ChangeMode::Block, .update_every = 5, .tools = 2},
                            {.name = "ray_cloud", .seed = 6, .ray_cloud = true}};
+  for (int n = 0; n < worlds(0); ++n) {
+    std::mt19937_64 random(1000 + n);
+    all.push_back({.name = "world_" + std::to_string(n),
+                   .seed = random(),
+                   .change = random() % 2 == 0 ? ChangeMode::Off : ChangeMode::Block,
+                   .update_every = static_cast<int>(random() % 5),
+                   .tools = 1 + static_cast<int>(random() % 2),
+                   .ray_cloud = random() % 3 == 0,
+                   .memory_share = uniform(random, 0.65, 0.8)});
+  }
   return all;
 }
 INSTANTIATE_TEST_SUITE_P(Walks, Rolling, ::testing::ValuesIn(cases()),
