@@ -39,6 +39,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
+#include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
 
@@ -53,7 +54,7 @@ enum class ScanDrop : std::uint8_t {
   QueueFull,   ///< there was not even time to fuse it: points near its returns are unscored from then on
   NoPose,      ///< no poses around its time within 0.2 s, or a jump between them
   OutOfOrder,  ///< not later than the scan before it, or waiting and over 10 s later than one that came after it
-  Unusable,    ///< no time, more returns than LiveOptions::most_returns
+  Unusable,    ///< no time, more returns than LiveOptions::most_returns, or times of points that cannot be its own
   Failed       ///< the step that took it threw
 };
 inline constexpr int kNumScanDrops = 5;
@@ -64,7 +65,8 @@ constexpr const char* name(ScanDrop reason) {
 
 struct LiveOptions {
   std::size_t queue_scans = 4;  ///< if more wait, the oldest are only fused
-  /// Of all scans that wait (one of less than 100 counts as 100), 192 MB: a further scan drops the oldest.
+  /// Of all scans that wait (one of less than 100 counts as 100, three with times as five), 192 MB: a further scan
+  /// drops the oldest.
   std::size_t most_waiting_returns = 16000000;
   std::size_t most_poses = 4000;       ///< poses that are remembered: 20 s at 200 Hz
   std::size_t most_returns = 4000000;  ///< of one scan
@@ -73,6 +75,8 @@ struct LiveOptions {
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
   std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
+  /// Of scans whose points have times: as in ScanInputOptions. On drops scans without as unusable.
+  io::Deskew deskew = io::Deskew::Auto;
   /// Bytes of map, mirror and points (MemoryUse) from which the map no longer grows (AccessibilityField::stopGrowing):
   /// returns for which it has no place are left out, counted, and block; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
@@ -95,6 +99,12 @@ struct LiveScan {
   /// Name of the frame of the points, where the sender gives one. If it is the frame that the poses are in, the points
   /// are in the world already, and the pose only tells where the sensor was; otherwise they are in the sensor's frame.
   std::string frame = {};
+  /// When each point was measured, or empty: each is then placed by the pose at its own time, and each ray of points
+  /// that are in the world begins where the sensor was. Such a scan waits until there are poses for all of it.
+  std::vector<double> times = {};
+  /// Of `times`, which then count from stamp_ns: 1, 1e-3, 1e-6 or 1e-9. 0: unit and clock are told from the latest
+  /// scans, by the rules of docs/recordings.md, "Motion within a scan".
+  double time_unit_s = 0;
 };
 
 /// What one step() did.
@@ -104,7 +114,9 @@ struct LiveStep {
   FrameStats fused;
   UpdateStats scored;
   std::uint64_t excluded_returns = 0;  ///< inside LiveOptions::exclude_box_S
+  std::uint64_t unposed_returns = 0;   ///< left out: no pose at the time at which they were measured
   std::uint64_t left_out_returns = 0;  ///< no place for them, with the memory limit reached
+  bool by_times = false;               ///< each return by the pose at its own time
   bool late = false;                   ///< only fused: labels come with a later step
   double waited_ms = 0;                ///< from addScan() to the beginning of the step
   double latency_ms = 0;               ///< from addScan() to labels
@@ -134,7 +146,10 @@ struct LiveStatus {
 
   std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
   std::uint64_t late = 0;                        ///< of taken: only fused, since too many waited
+  std::uint64_t by_times = 0;                    ///< of taken: each return by the pose at its own time
+  std::string motion = {};                       ///< what is done about motion within scans, and why
   std::uint64_t excluded_returns = 0;
+  std::uint64_t unposed_returns = 0;
   std::uint64_t left_out_returns = 0;  ///< no memory, or no time: the returns of scans dropped as queue_full, too
   std::uint64_t surface_points = 0;
   std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step

@@ -669,7 +669,13 @@ class LiveStep:
     def late(self) -> bool:
         """Only fused, since more than queue_scans waited: labels come with a later step."""
     @property
+    def by_times(self) -> bool:
+        """Each return by the pose at its own time."""
+    @property
     def excluded_returns(self) -> int: ...
+    @property
+    def unposed_returns(self) -> int:
+        """Left out: no pose at the time at which they were measured."""
     @property
     def left_out_returns(self) -> int:
         """Returns for which there was no memory: they block."""
@@ -697,9 +703,17 @@ class LiveSession:
         T_B_S: Optional[npt.ArrayLike] = ...,
         exclude_box_S: Optional[npt.ArrayLike] = ...,
         max_gap_s: float = ...,
+        deskew: _Deskew = ...,
     ) -> None: ...
     def add_pose(self, stamp_ns: int, p_W: npt.ArrayLike, q_xyzw: npt.ArrayLike, frame: str = ...) -> None: ...
-    def add_scan(self, stamp_ns: int, points: npt.ArrayLike, frame: str = ...) -> None: ...
+    def add_scan(
+        self,
+        stamp_ns: int,
+        points: npt.ArrayLike,
+        frame: str = ...,
+        times: Optional[npt.ArrayLike] = ...,
+        time_unit_s: float = ...,
+    ) -> None: ...
     def end_of_poses(self) -> None: ...
     def wait_for_work(self, at_most_s: float) -> bool: ...
     def step(self) -> Optional[LiveStep]: ...

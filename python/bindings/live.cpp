@@ -50,13 +50,14 @@ class Session {
 std::unique_ptr<Session> makeSession(const ToolGeometry& tool, const py::object& params, const py::object& queue_scans,
                                      const py::object& most_poses, const py::object& memory_limit_bytes,
                                      const py::object& T_B_S, const py::object& exclude_box_S,
-                                     const py::object& max_gap_s) {
+                                     const py::object& max_gap_s, const py::object& deskew) {
   const FieldParams given = fieldParamsFrom(params);
   LiveOptions options;
   options.queue_scans = static_cast<std::size_t>(wholeNumberFrom("queue_scans", queue_scans, 0, 1'000'000));
   options.most_poses = static_cast<std::size_t>(wholeNumberFrom("most_poses", most_poses, 0, 100'000'000));
   options.memory_limit_bytes = largeNumberFrom("memory_limit_bytes", memory_limit_bytes);
   options.max_gap_s = numberFrom("max_gap_s", max_gap_s);
+  options.deskew = settingFrom<io::Deskew>("deskew", deskew);
   if (!T_B_S.is_none()) options.T_B_S = poseOf("T_B_S", T_B_S);
   if (!exclude_box_S.is_none()) {
     const std::vector<double> box = numbers1("exclude_box_S", exclude_box_S, 6);
@@ -77,7 +78,8 @@ void addPose(Session& session, std::int64_t stamp_ns, const py::object& p_W, con
   session.atOnce([&](LiveSession& s) { s.addPose(pose); });
 }
 
-void addScan(Session& session, std::int64_t stamp_ns, const py::object& points, const std::string& frame) {
+void addScan(Session& session, std::int64_t stamp_ns, const py::object& points, const std::string& frame,
+             const py::object& times, const py::object& time_unit_s) {
   LiveScan scan;
   scan.stamp_ns = stamp_ns;
   scan.frame = frame;
@@ -90,6 +92,8 @@ void addScan(Session& session, std::int64_t stamp_ns, const py::object& points, 
     const ScanPoints given("points", points, false);
     scan.points.assign(given.view().begin(), given.view().end());
   }
+  scan.time_unit_s = numberFrom("time_unit_s", time_unit_s);
+  if (!times.is_none()) scan.times = numbers1("times", times, scan.points.size() + scan.points_double.size());
   session.atOnce([&](LiveSession& s) { s.addScan(std::move(scan)); });
 }
 
@@ -130,7 +134,10 @@ py::dict status(Session& session) {
   all["world_frame"] = now.world_frame;
   all["points_in"] = now.points_in;
   all["points_used"] = now.points_used;
+  all["by_times"] = now.by_times;
+  all["motion"] = now.motion;
   all["excluded_returns"] = now.excluded_returns;
+  all["unposed_returns"] = now.unposed_returns;
   all["left_out_returns"] = now.left_out_returns;
   all["surface_points"] = now.surface_points;
   all["memory_bytes"] = now.memory_bytes;
@@ -151,7 +158,9 @@ void bindLive(py::module_& module) {
       .def_property_readonly("fused", [](const Step& s) { return s.done.fused; })
       .def_property_readonly("scored", [](const Step& s) { return s.done.scored; })
       .def_property_readonly("late", [](const Step& s) { return s.done.late; })
+      .def_property_readonly("by_times", [](const Step& s) { return s.done.by_times; })
       .def_property_readonly("excluded_returns", [](const Step& s) { return s.done.excluded_returns; })
+      .def_property_readonly("unposed_returns", [](const Step& s) { return s.done.unposed_returns; })
       .def_property_readonly("left_out_returns", [](const Step& s) { return s.done.left_out_returns; })
       .def_property_readonly("waited_ms", [](const Step& s) { return s.done.waited_ms; })
       .def_property_readonly("latency_ms", [](const Step& s) { return s.done.latency_ms; })
@@ -169,12 +178,18 @@ void bindLive(py::module_& module) {
       .def(py::init(&makeSession), py::arg("tool"), py::arg("params") = py::none(), py::kw_only(),
            py::arg("queue_scans") = 4, py::arg("most_poses") = 4000, py::arg("memory_limit_bytes") = 0,
            py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(), py::arg("max_gap_s") = 0.2,
+           py::arg("deskew") = "auto",
            "params: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are given. "
-           "exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame.")
+           "exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame. deskew: auto, on or off, of scans with times.")
       .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",
            "The pose of the platform at one time. Bad poses are counted, never used.")
-      .def("add_scan", &addScan, py::arg("stamp_ns"), py::arg("points"), py::arg("frame") = "",
-           "One scan, (N, 3). In the sensor's frame, unless `frame` is that of the poses: then in the world frame.")
+      .def(
+          "add_scan", &addScan, py::arg("stamp_ns"), py::arg("points"), py::arg("frame") = "",
+          py::arg("times") = py::none(), py::arg("time_unit_s") = 0,
+          "One scan, (N, 3). In the sensor's frame, unless `frame` is that of the poses: then in the world frame. "
+          "times: "
+          "(N,), when each point was measured, in units of time_unit_s since stamp_ns; 0: unit and clock are told from "
+          "the latest scans.")
       .def(
           "end_of_poses", [](Session& session) { session.atOnce([](LiveSession& s) { s.endOfPoses(); }); },
           "No more poses will come: scans that wait for some are dropped.")

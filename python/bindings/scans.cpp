@@ -21,8 +21,6 @@ namespace accessvdb::python {
 template <>
 inline constexpr std::array kWords<io::PoseFormat> = {"auto", "tum", "kitti", "balm", "hba", "viewpoint"};
 template <>
-inline constexpr std::array kWords<io::Deskew> = {"auto", "on", "off"};
-template <>
 inline constexpr std::array kWords<io::Match> = {"auto", "order", "name", "time"};
 
 namespace {

@@ -29,6 +29,8 @@ namespace accessvdb::python {
 template <typename Enum>
 inline constexpr auto kWords = kEnumWords<Enum>;
 template <>
+inline constexpr std::array kWords<io::Deskew> = {"auto", "on", "off"};
+template <>
 inline constexpr std::array kWords<LengthUnit> = {"m", "cm", "mm", "in"};
 
 /// Each throws InvalidArgument "python.type" or "python.value" that names the setting.

@@ -26,6 +26,9 @@ LiveScan scanFrom(bags::MessageKind kind, std::string_view cdr) {
   } else {
     bags::appendPoints(cloud, scan.points);
   }
+  if (!cloud.time) return scan;
+  bags::appendTimes(cloud, scan.times);
+  if (kind == bags::MessageKind::LivoxCustom) scan.time_unit_s = 1e-9;
   return scan;
 }
 

@@ -50,6 +50,7 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   flags.option("--scan-log", &options.scan_log, "write a line per scan into this file: taken, or why not");
   addFieldOptions(flags, map);
   addSensorOptions(flags, map.sensor);
+  addDeskewOption(flags, map.sensor);
   addGapOption(flags, map.survey);
   flags.option("--out", &map.out, "folder for the files of map, written when the run is stopped");
   flags.option("--policy", &map.policy, "how points to be scored again are chosen: exact or paper");
@@ -100,6 +101,7 @@ LiveOptions sessionOptions(const LiveRunOptions& options) {
   live.max_gap_s = options.map.survey.max_gap_s;
   live.T_B_S = sensor.T_B_S;
   live.exclude_box_S = sensor.exclude_box_S;
+  live.deskew = sensor.deskew;
   const std::uint64_t machine = memoryLimit(options.map).value_or(0);
   // What else the program needs, and others on the machine, must fit beside.
   live.memory_limit_bytes = options.map.max_memory.empty() ? machine / 8 * 7 : machine;

@@ -39,6 +39,8 @@ constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply
 constexpr std::size_t kTimedScans = 10000;
 /// More points are not sent as one message: 60 MB.
 constexpr std::size_t kMostSentPoints = 1500000;
+/// What is done about motion is said so often: senders of two kinds may take turns.
+constexpr int kMostMotionNotices = 5;
 constexpr auto kWordsEvery = std::chrono::seconds(5);
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
@@ -115,6 +117,8 @@ class LiveRun {
   RunReport report_;
   bool refused_ = false;  // existing outputs must stay
   bool said_full_ = false, said_many_ = false, said_disagree_ = false;
+  std::string said_motion_;
+  int changes_said_ = 0;
   // To see when no scan is taken any more: what was dropped when the last one was, and when looked at last.
   std::uint64_t taken_before_ = 0, times_dropped_ = 0;
   std::array<std::uint64_t, kNumScanDrops> dropped_before_ = {}, dropped_last_ = {};
@@ -216,6 +220,10 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
   if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
     messages_.warning("poses.disagree", *warning);
   warnOfNoneTaken(report_.live->status);
+  if (const std::string& motion = report_.live->status.motion; !motion.empty() && motion != said_motion_) {
+    if (changes_said_++ < kMostMotionNotices) messages_.notice("points: " + motion);
+    said_motion_ = motion;
+  }
   if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
     messages_.warning("live.memory_full", "map and points take " +
                                               bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +

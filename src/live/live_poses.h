@@ -1,0 +1,69 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Where the sensor was, as far as poses that have come say so.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "accessvdb/live_session.h"
+#include "io/scans/scan_motion.h"
+#include "live/pose_buffer.h"
+
+namespace accessvdb::internal {
+
+/// The sensor's poses around those of a scan's returns.
+struct SensorMotion {
+  Eigen::Isometry3d T_W_B, T_W_S;                          ///< at the scan's stamp
+  std::int64_t first_ms = 0;                               ///< from the stamp on
+  std::vector<std::optional<Eigen::Isometry3d>> T_W_S_at;  ///< at each millisecond
+
+  [[nodiscard]] std::optional<Eigen::Isometry3d> at(std::int64_t ms) const {
+    const auto n = static_cast<std::uint64_t>(ms - first_ms);
+    return n < T_W_S_at.size() ? T_W_S_at[n] : std::nullopt;
+  }
+  /// At most so far does a point within that range lie from where it would be at the scan's stamp.
+  [[nodiscard]] double spread_m(double range_m) const;
+};
+
+/// Not thread-safe.
+class LivePoses {
+ public:
+  explicit LivePoses(const LiveOptions& options)
+      : T_B_S_(options.T_B_S), poses_(options.most_poses, options.max_gap_s) {}
+
+  void add(const LivePose& pose);
+  /// No more will come. A later add() takes it back.
+  void end() { ended_ = true; }
+
+  /// Whether points in that frame are where they were measured.
+  [[nodiscard]] bool isRegistered(const std::string& frame) const {
+    return !frame.empty() && world_frame_ && frame == *world_frame_;
+  }
+  /// @param ms  asks for poses at these, too, from the stamp on
+  [[nodiscard]] std::optional<SensorMotion> motionAt(std::int64_t stamp_ns,
+                                                     const std::optional<io::WholeMilliseconds>& ms = {}) const;
+  /// Whether there is one, or will never be.
+  [[nodiscard]] bool isSettled(std::int64_t stamp_ns) const {
+    return ended_ || poses_.isPast(stamp_ns) || poses_.at(stamp_ns);
+  }
+  /// Whether there is none, and never will be.
+  [[nodiscard]] bool isHopeless(std::int64_t stamp_ns) const { return isSettled(stamp_ns) && !poses_.at(stamp_ns); }
+  [[nodiscard]] bool isFarAhead(std::int64_t stamp_ns, std::int64_t far_ns) const {
+    return poses_.isFarAhead(stamp_ns, far_ns);
+  }
+
+  void tell(LiveStatus& status) const;
+
+ private:
+  std::optional<Eigen::Isometry3d> T_B_S_;
+  PoseBuffer poses_;
+  std::optional<std::string> world_frame_;
+  std::uint64_t added_ = 0, other_frame_ = 0;
+  bool ended_ = false;
+};
+
+}  // namespace accessvdb::internal
