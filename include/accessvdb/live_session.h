@@ -89,6 +89,18 @@ struct LivePose {
   Eigen::Quaterniond q_W_B = Eigen::Quaterniond::Identity();
   /// Name of the world frame, where the sender gives one. The first pose decides; poses in others are not used.
   std::string frame = {};
+  /// Name of what is posed, where the sender gives one; as for `frame`. Scans that name another frame are then placed
+  /// by transforms between the two (addTransform()), unless LiveOptions::T_B_S says where their sensor is.
+  std::string child = {};
+};
+
+/// The pose of one frame in another, as tf has them.
+struct LiveTransform {
+  std::int64_t stamp_ns = 0;
+  std::string parent, child;
+  Eigen::Vector3d p = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
+  bool fixed = false;  ///< at all times (tf_static); the last one counts
 };
 
 /// One scan. Its returns are in `points`, or in `points_double` if the sender has doubles.
@@ -142,7 +154,15 @@ struct LiveStatus {
   std::uint64_t poses_backwards = 0;    ///< earlier than the one before
   std::uint64_t poses_other_frame = 0;  ///< in another frame than the first: not used
 
-  std::string world_frame = {};  ///< of the first pose
+  std::uint64_t transforms = 0;          ///< that were added
+  std::uint64_t transforms_invalid = 0;  ///< not finite, not a rotation, without names: not used
+  /// Of frames that were posed in another one before, or of more frames than are kept (1000): not used.
+  std::uint64_t transforms_other_parent = 0;
+
+  std::string world_frame = {};        ///< of the first pose
+  std::string sensor_chain = {};       ///< by which transforms the last scan was placed: "odom -> body -> lidar"
+  std::string unconnected_frame = {};  ///< of the last scan that was dropped since no transform connects its frame
+  double extrinsic_m = 0;              ///< how far the sensor of the last scan is from what is posed
 
   std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
   std::uint64_t late = 0;                        ///< of taken: only fused, since too many waited
@@ -166,8 +186,8 @@ struct LiveStatus {
   }
 };
 
-/// addPose(), addScan(), endOfPoses(), waitForWork(), status() and takeDropped() may be called from any thread at any
-/// time; everything else from one thread at a time.
+/// addPose(), addTransform(), addScan(), endOfPoses(), waitForWork(), status() and takeDropped() may be called from any
+/// thread at any time; everything else from one thread at a time.
 class ACCESSVDB_API LiveSession {
  public:
   /// @throws InvalidArgument "live.queue", "live.poses", "live.window"; what AccessibilityField's constructor throws
@@ -178,6 +198,9 @@ class ACCESSVDB_API LiveSession {
 
   /// Bad poses are counted, never used.
   void addPose(const LivePose& pose);
+  /// As in recordings (docs/recordings.md, "Which frame"): a frame keeps its first parent, and what poses say of a
+  /// frame takes the place of what transforms say. Bad ones are counted, never used.
+  void addTransform(const LiveTransform& transform);
   /// Never waits for a step(). Bad scans are counted, never used.
   void addScan(LiveScan scan);
   /// No more poses will come: scans that wait for some are dropped. A later addPose() takes it back.

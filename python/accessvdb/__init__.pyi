@@ -689,7 +689,7 @@ class LiveStep:
 
 @final
 class LiveSession:
-    """A field that is fed while the scanner runs, by any transport: docs/live.md. add_pose(), add_scan(),
+    """A field that is fed while the scanner runs, by any transport: docs/live.md. add_pose(), add_transform(), add_scan(),
     end_of_poses(), wait_for_work() and status() may be called from any thread at any time."""
 
     def __init__(
@@ -705,7 +705,12 @@ class LiveSession:
         max_gap_s: float = ...,
         deskew: _Deskew = ...,
     ) -> None: ...
-    def add_pose(self, stamp_ns: int, p_W: npt.ArrayLike, q_xyzw: npt.ArrayLike, frame: str = ...) -> None: ...
+    def add_pose(
+        self, stamp_ns: int, p_W: npt.ArrayLike, q_xyzw: npt.ArrayLike, frame: str = ..., child: str = ...
+    ) -> None: ...
+    def add_transform(
+        self, parent: str, child: str, p: npt.ArrayLike, q_xyzw: npt.ArrayLike, stamp_ns: Optional[int] = ...
+    ) -> None: ...
     def add_scan(
         self,
         stamp_ns: int,

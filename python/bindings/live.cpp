@@ -68,14 +68,28 @@ std::unique_ptr<Session> makeSession(const ToolGeometry& tool, const py::object&
 }
 
 void addPose(Session& session, std::int64_t stamp_ns, const py::object& p_W, const py::object& q_xyzw,
-             const std::string& frame) {
+             const std::string& frame, const std::string& child) {
   LivePose pose;
   pose.stamp_ns = stamp_ns;
   pose.p_W = vector3("p_W", p_W);
   const std::vector<double> q = numbers1("q_xyzw", q_xyzw, 4);
   pose.q_W_B = Eigen::Quaterniond(q[3], q[0], q[1], q[2]);
   pose.frame = frame;
+  pose.child = child;
   session.atOnce([&](LiveSession& s) { s.addPose(pose); });
+}
+
+void addTransform(Session& session, const std::string& parent, const std::string& child, const py::object& p,
+                  const py::object& q_xyzw, std::optional<std::int64_t> stamp_ns) {
+  LiveTransform transform;
+  transform.stamp_ns = stamp_ns.value_or(0);
+  transform.parent = parent;
+  transform.child = child;
+  transform.p = vector3("p", p);
+  const std::vector<double> q = numbers1("q_xyzw", q_xyzw, 4);
+  transform.q = Eigen::Quaterniond(q[3], q[0], q[1], q[2]);
+  transform.fixed = !stamp_ns;
+  session.atOnce([&](LiveSession& s) { s.addTransform(transform); });
 }
 
 void addScan(Session& session, std::int64_t stamp_ns, const py::object& points, const std::string& frame,
@@ -131,7 +145,13 @@ py::dict status(Session& session) {
   all["poses_repeated"] = now.poses_repeated;
   all["poses_backwards"] = now.poses_backwards;
   all["poses_other_frame"] = now.poses_other_frame;
+  all["transforms"] = now.transforms;
+  all["transforms_invalid"] = now.transforms_invalid;
+  all["transforms_other_parent"] = now.transforms_other_parent;
   all["world_frame"] = now.world_frame;
+  all["sensor_chain"] = now.sensor_chain;
+  all["unconnected_frame"] = now.unconnected_frame;
+  all["extrinsic_m"] = now.extrinsic_m;
   all["points_in"] = now.points_in;
   all["points_used"] = now.points_used;
   all["by_times"] = now.by_times;
@@ -172,9 +192,10 @@ void bindLive(py::module_& module) {
                std::to_string(s.changed->points.size()) + " points changed>";
       });
 
-  py::class_<Session>(module, "LiveSession",
-                      "A field that is fed while the scanner runs, by any transport. add_pose(), add_scan(), "
-                      "end_of_poses(), wait_for_work() and status() may be called from any thread at any time.")
+  py::class_<Session>(
+      module, "LiveSession",
+      "A field that is fed while the scanner runs, by any transport. add_pose(), add_transform(), "
+      "add_scan(), end_of_poses(), wait_for_work() and status() may be called from any thread at any time.")
       .def(py::init(&makeSession), py::arg("tool"), py::arg("params") = py::none(), py::kw_only(),
            py::arg("queue_scans") = 4, py::arg("most_poses") = 4000, py::arg("memory_limit_bytes") = 0,
            py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(), py::arg("max_gap_s") = 0.2,
@@ -182,7 +203,14 @@ void bindLive(py::module_& module) {
            "params: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are given. "
            "exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame. deskew: auto, on or off, of scans with times.")
       .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",
-           "The pose of the platform at one time. Bad poses are counted, never used.")
+           py::arg("child") = "",
+           "The pose of the platform at one time. frame, child: the names of the world's frame and of what is posed. "
+           "Bad "
+           "poses are counted, never used.")
+      .def("add_transform", &addTransform, py::arg("parent"), py::arg("child"), py::arg("p"), py::arg("q_xyzw"),
+           py::arg("stamp_ns") = py::none(),
+           "The pose of one frame in another, as tf has them: at one time, or without stamp_ns for good. Bad ones are "
+           "counted, never used.")
       .def(
           "add_scan", &addScan, py::arg("stamp_ns"), py::arg("points"), py::arg("frame") = "",
           py::arg("times") = py::none(), py::arg("time_unit_s") = 0,

@@ -39,7 +39,22 @@ LivePose poseFrom(bags::MessageKind kind, std::string_view cdr) {
   pose.p_W = message.p;
   pose.q_W_B = Eigen::Quaterniond(message.q[0], message.q[1], message.q[2], message.q[3]);
   pose.frame = message.header.frame;
+  pose.child = message.child;
   return pose;
+}
+
+std::vector<LiveTransform> transformsFrom(std::string_view cdr, bool fixed) {
+  std::vector<LiveTransform> transforms;
+  for (const bags::PoseMessage& message : bags::readTransforms(cdr, bags::Wire::Cdr)) {
+    LiveTransform& transform = transforms.emplace_back();
+    transform.stamp_ns = message.header.stamp_ns;
+    transform.parent = message.header.frame;
+    transform.child = message.child;
+    transform.p = message.p;
+    transform.q = Eigen::Quaterniond(message.q[0], message.q[1], message.q[2], message.q[3]);
+    transform.fixed = fixed;
+  }
+  return transforms;
 }
 
 }  // namespace accessvdb::dds

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "accessvdb/live_session.h"
 #include "bags/messages.h"
@@ -21,5 +22,7 @@ namespace accessvdb::dds {
 /// @throws bags::MessageError
 [[nodiscard]] LiveScan scanFrom(bags::MessageKind kind, std::string_view cdr);
 [[nodiscard]] LivePose poseFrom(bags::MessageKind kind, std::string_view cdr);
+/// @param fixed  of /tf_static
+[[nodiscard]] std::vector<LiveTransform> transformsFrom(std::string_view cdr, bool fixed);
 
 }  // namespace accessvdb::dds

@@ -25,10 +25,13 @@ struct ParticipantOptions {
   std::string cloud_topic, pose_topic;  ///< as ROS names them: "/livox/lidar"
 };
 
+inline constexpr const char* kTransformTopics[] = {"/tf", "/tf_static"};
+
 /// What receives. Called from threads of the middleware, which must not wait.
 struct Receivers {
   std::function<void(LiveScan)> scan;
   std::function<void(LivePose)> pose;
+  std::function<void(LiveTransform)> transform;
 };
 
 /// One topic that is subscribed to.
@@ -41,13 +44,16 @@ struct TopicState {
   std::string last_problem = {};  ///< of the last malformed one
 };
 
+enum class Input { Clouds, Poses, Transforms, FixedTransforms };
+inline constexpr int kNumInputs = 4;
+
 enum class Output { Points, Changes, Status };
 inline constexpr const char* kOutputTopics[] = {"/accessvdb/points", "/accessvdb/changes", "/accessvdb/status"};
 
 class Participant {
  public:
   /// Joins a domain. @throws ResourceLimit "dds.participant"
-  Participant(const ParticipantOptions& options, Receivers receivers);
+  Participant(const ParticipantOptions& options, const Receivers& receivers);
   ~Participant();
   Participant(const Participant&) = delete;
   Participant& operator=(const Participant&) = delete;
@@ -63,8 +69,7 @@ class Participant {
   /// Programs that subscribe to an output now.
   [[nodiscard]] std::uint64_t subscribers(Output output) const;
 
-  [[nodiscard]] TopicState clouds() const;
-  [[nodiscard]] TopicState poses() const;
+  [[nodiscard]] TopicState state(Input input) const;
 
  private:
   struct Impl;

@@ -11,6 +11,7 @@
 
 #include "accessvdb/live_session.h"
 #include "io/scans/scan_motion.h"
+#include "live/live_frames.h"
 #include "live/pose_buffer.h"
 
 namespace accessvdb::internal {
@@ -29,13 +30,16 @@ struct SensorMotion {
   [[nodiscard]] double spread_m(double range_m) const;
 };
 
-/// Not thread-safe.
+/// Not thread-safe. Frames are those of scans.
 class LivePoses {
  public:
   explicit LivePoses(const LiveOptions& options)
-      : T_B_S_(options.T_B_S), poses_(options.most_poses, options.max_gap_s) {}
+      : T_B_S_(options.T_B_S),
+        poses_(options.most_poses, options.max_gap_s),
+        frames_(options.most_poses, options.max_gap_s) {}
 
   void add(const LivePose& pose);
+  void add(const LiveTransform& transform) { frames_.add(transform); }
   /// No more will come. A later add() takes it back.
   void end() { ended_ = true; }
 
@@ -44,26 +48,42 @@ class LivePoses {
     return !frame.empty() && world_frame_ && frame == *world_frame_;
   }
   /// @param ms  asks for poses at these, too, from the stamp on
-  [[nodiscard]] std::optional<SensorMotion> motionAt(std::int64_t stamp_ns,
+  [[nodiscard]] std::optional<SensorMotion> motionAt(const std::string& frame, std::int64_t stamp_ns,
                                                      const std::optional<io::WholeMilliseconds>& ms = {}) const;
-  /// Whether there is one, or will never be.
-  [[nodiscard]] bool isSettled(std::int64_t stamp_ns) const {
-    return ended_ || poses_.isPast(stamp_ns) || poses_.at(stamp_ns);
-  }
+  /// Whether there is a pose, or will never be.
+  [[nodiscard]] bool isSettled(const std::string& frame, std::int64_t stamp_ns) const;
   /// Whether there is none, and never will be.
-  [[nodiscard]] bool isHopeless(std::int64_t stamp_ns) const { return isSettled(stamp_ns) && !poses_.at(stamp_ns); }
+  [[nodiscard]] bool isHopeless(const std::string& frame, std::int64_t stamp_ns) const {
+    return isSettled(frame, stamp_ns) && !motionAt(frame, stamp_ns);
+  }
   [[nodiscard]] bool isFarAhead(std::int64_t stamp_ns, std::int64_t far_ns) const {
     return poses_.isFarAhead(stamp_ns, far_ns);
   }
+  /// A scan of that frame was taken, or dropped for want of a pose.
+  void noteTaken(const std::string& frame, const SensorMotion& motion);
+  void noteDropped(const std::string& frame);
 
   void tell(LiveStatus& status) const;
 
  private:
+  /// By which transforms a frame is posed.
+  struct Route {
+    bool direct = false;  ///< by none: it is that of the sensor whose pose is known
+    std::optional<LiveFrames::Chain> chain = {};
+  };
+  [[nodiscard]] Route routeTo(const std::string& frame) const;
+  [[nodiscard]] std::optional<Eigen::Isometry3d> sensorAt(const Route& route, std::int64_t stamp_ns,
+                                                          const Eigen::Isometry3d& T_W_B) const;
+
   std::optional<Eigen::Isometry3d> T_B_S_;
   PoseBuffer poses_;
+  LiveFrames frames_;
   std::optional<std::string> world_frame_;
+  std::string child_;
+  std::string sensor_chain_, unconnected_;
+  double extrinsic_m_ = 0;
   std::uint64_t added_ = 0, other_frame_ = 0;
-  bool ended_ = false;
+  bool taken_ = false, ended_ = false;
 };
 
 }  // namespace accessvdb::internal

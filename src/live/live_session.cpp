@@ -168,6 +168,14 @@ void LiveSession::addPose(const LivePose& pose) {
   impl_->arrived.notify_all();
 }
 
+void LiveSession::addTransform(const LiveTransform& transform) {
+  {
+    const std::scoped_lock locked(impl_->lock);
+    impl_->waiting.poses().add(transform);
+  }
+  impl_->arrived.notify_all();
+}
+
 void LiveSession::addScan(LiveScan scan) {
   {
     const std::scoped_lock locked(impl_->lock);

@@ -37,6 +37,7 @@ void WaitingScans::drop(std::uint64_t number, std::int64_t stamp_ns, ScanDrop re
 }
 
 void WaitingScans::add(LiveScan scan) {
+  scan.frame = io::plainFrame(scan.frame);
   WaitingScan waiting = {std::move(scan), published_++, std::chrono::steady_clock::now()};
   const std::int64_t stamp_ns = waiting.scan.stamp_ns;
   if (!isUsable(waiting.scan, options_)) return drop(waiting, ScanDrop::Unusable);
@@ -68,17 +69,18 @@ std::optional<io::WholeMilliseconds> WaitingScans::millisecondsOf(const WaitingS
 }
 
 bool WaitingScans::isSettled(const WaitingScan& waiting) const {
+  const std::string& frame = waiting.scan.frame;
   const std::int64_t stamp_ns = waiting.scan.stamp_ns;
-  if (!poses_.isSettled(stamp_ns)) return false;
-  if (!waiting.timed || poses_.isHopeless(stamp_ns)) return true;
+  if (!poses_.isSettled(frame, stamp_ns)) return false;
+  if (!waiting.timed || !poses_.motionAt(frame, stamp_ns)) return true;
   // A few returns with wild times do not keep the others waiting.
   const io::OffsetRange used = {waiting.timed->range.first_s,
                                 std::min(waiting.timed->range.last_s, waiting.timed->usual.last_s)};
-  return poses_.isSettled(stamp_ns + io::around(used).last * 1'000'000);
+  return poses_.isSettled(frame, stamp_ns + io::around(used).last * 1'000'000);
 }
 
 bool WaitingScans::isReady(const WaitingScan& waiting) const {
-  return isSettled(waiting) && !poses_.isHopeless(waiting.scan.stamp_ns);
+  return isSettled(waiting) && poses_.motionAt(waiting.scan.frame, waiting.scan.stamp_ns);
 }
 
 std::optional<WaitingScans::Ready> WaitingScans::next() {
@@ -86,11 +88,13 @@ std::optional<WaitingScans::Ready> WaitingScans::next() {
     WaitingScan waiting = std::move(queue_.front());
     waiting_returns_ -= weightOf(waiting.scan);
     queue_.pop_front();
-    auto motion = poses_.motionAt(waiting.scan.stamp_ns, millisecondsOf(waiting));
+    auto motion = poses_.motionAt(waiting.scan.frame, waiting.scan.stamp_ns, millisecondsOf(waiting));
     if (!motion) {
+      poses_.noteDropped(waiting.scan.frame);
       drop(waiting, ScanDrop::NoPose);
       continue;
     }
+    poses_.noteTaken(waiting.scan.frame, *motion);
     taken_stamp_ns_ = waiting.scan.stamp_ns;
     LostReturns lost_now = takeLost();
     // Those behind are in order of time: if this one has a pose, all before it have one or never will.
@@ -108,8 +112,8 @@ void WaitingScans::lose(const WaitingScan& waiting) {
   drop(waiting, ScanDrop::QueueFull);
   const LiveScan& scan = waiting.scan;
   const bool registered = poses_.isRegistered(scan.frame);
-  if (!registered && poses_.isHopeless(scan.stamp_ns)) return;
-  Unplaced unplaced = {scan.stamp_ns, millisecondsOf(waiting), 0, LostReturns(cube_m_)};
+  if (!registered && poses_.isHopeless(scan.frame, scan.stamp_ns)) return;
+  Unplaced unplaced = {scan.frame, scan.stamp_ns, millisecondsOf(waiting), 0, LostReturns(cube_m_)};
   LostReturns& where = registered ? lost_ : unplaced.in_sensor;
   const auto add = [&](const Eigen::Vector3d& p) {
     const double range_m = p.norm();
@@ -123,7 +127,7 @@ void WaitingScans::lose(const WaitingScan& waiting) {
   left_out_returns_ += returnsOf(scan);
   if (registered) return;
   if (isReady(waiting)) {
-    place(unplaced.in_sensor, unplaced.farthest_m, *poses_.motionAt(unplaced.stamp_ns, unplaced.ms));
+    place(unplaced.in_sensor, unplaced.farthest_m, *poses_.motionAt(unplaced.frame, unplaced.stamp_ns, unplaced.ms));
     return;
   }
   if (unplaced_.size() == kMostUnplaced) unplaced_.pop_front();
@@ -139,9 +143,10 @@ void WaitingScans::place(const LostReturns& in_sensor, double farthest_m, const 
 LostReturns WaitingScans::takeLost() {
   std::erase_if(unplaced_, [this](const Unplaced& scan) {
     const std::int64_t last_ns = scan.stamp_ns + (scan.ms ? scan.ms->last * 1'000'000 : 0);
-    if (!poses_.isHopeless(scan.stamp_ns) && !(poses_.isSettled(scan.stamp_ns) && poses_.isSettled(last_ns)))
-      return false;
-    if (const auto motion = poses_.motionAt(scan.stamp_ns, scan.ms)) place(scan.in_sensor, scan.farthest_m, *motion);
+    const bool settled = poses_.isSettled(scan.frame, scan.stamp_ns) && poses_.isSettled(scan.frame, last_ns);
+    if (!settled && !poses_.isHopeless(scan.frame, scan.stamp_ns)) return false;
+    const auto motion = poses_.motionAt(scan.frame, scan.stamp_ns, scan.ms);
+    if (motion) place(scan.in_sensor, scan.farthest_m, *motion);
     return true;
   });
   return std::exchange(lost_, LostReturns(cube_m_));

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -86,6 +87,7 @@ class WaitingScans {
   LostReturns lost_;                 ///< of scans that there was no time for, until the next step
   /// The same of a scan whose pose is not there yet: its returns in the frame of its sensor.
   struct Unplaced {
+    std::string frame;
     std::int64_t stamp_ns = 0;
     std::optional<io::WholeMilliseconds> ms;
     double farthest_m = 0;

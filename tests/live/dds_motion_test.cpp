@@ -82,5 +82,39 @@ TEST_F(LiveDdsMotion, IsRemovedFromWhatADriverSends) {
   EXPECT_GT(points(), 1.1 * removed);
 }
 
+/// Transforms come once, after the first scan, and say the same as --extrinsic; garbage beside them changes nothing.
+TEST_F(LiveDdsMotion, TransformsSayWhereTheSensorIs) {
+  fly(6);
+  hear("times=1 frame=lidar", {"--extrinsic", "0.25,0,-0.5,0.6,0,0,0.8"});
+  const std::string expected = readText("out/points.ply");
+  writeText("transforms", "body mast 0.25 0 -0.5 0 0 0 1\nmast lidar 0 0 0 0.6 0 0 0.8\n");
+  const ProgramResult result = hear("times=1 frame=lidar static_tf='" + path("transforms") + "'");
+  EXPECT_NE(result.err.find("matching: clouds are posed by /Odometry and transforms (odom -> body -> mast -> lidar)"),
+            std::string::npos)
+      << result.err;
+  EXPECT_EQ(report_["live"]["sensor_chain"], "odom -> body -> mast -> lidar");
+  EXPECT_EQ(readText("out/points.ply"), expected);
+
+  peer_codes_.clear();
+  const ProgramResult beside = live(
+      {garbage("topic=tf count=300") + " & " +
+       peer("rate=5 odometry='" + path("odometry") + "' times=1 frame=lidar static_tf='" + path("transforms") + "'") +
+       "; wait"});
+  expectPeersEndedWell();
+  EXPECT_EQ(report_["live"]["taken"], count_) << beside.err;
+  EXPECT_GT(report_["live"]["malformed"], 100);
+  EXPECT_NE(beside.err.find("transforms from /tf ("), std::string::npos) << beside.err;
+  EXPECT_EQ(readText("out/points.ply"), expected);
+
+  // Nothing says where the sensor is, or it is far away: a warning with a cure.
+  peer_codes_.clear();
+  const ProgramResult none = live({peer("rate=20 odometry='" + path("odometry") + "' times=1 frame=lidar")});
+  EXPECT_EQ(report_["live"]["taken"], 0);
+  EXPECT_NE(none.err.find("warning[live.frames] clouds in frame lidar are dropped"), std::string::npos) << none.err;
+  writeText("transforms", "body lidar 250 0 -500 0 0 0 1\n");
+  EXPECT_NE(hear("times=1 frame=lidar static_tf='" + path("transforms") + "'").err.find("warning[poses.extrinsic]"),
+            std::string::npos);
+}
+
 }  // namespace
 }  // namespace accessvdb::live_test

@@ -111,6 +111,23 @@ class Live(unittest.TestCase):
         with self.assertRaises(accessvdb.InvalidArgument):
             live.add_scan(stamp(2), seen, times=times[:-1])
 
+    def test_transforms_say_where_the_sensor_is(self):
+        T_W_S = walls.pose(y=0.5)
+        by_frames, by_pose = session(), session()
+        by_frames.add_transform("body", "mast", (0, 0.25, 0), UNTURNED)
+        by_frames.add_transform("mast", "lidar", (0, 0.25, 0), UNTURNED, stamp(0))
+        by_frames.add_transform("lidar", "lidar", (0, 0, 0), UNTURNED)
+        by_frames.add_scan(stamp(0), walls.scan(T_W_S), frame="/lidar")
+        by_frames.add_pose(stamp(0), (0, 0, 0), UNTURNED, frame="odom", child="body")
+        self.assertIsNotNone(by_frames.step())
+        by_pose.add_scan(stamp(0), walls.scan(T_W_S))
+        by_pose.add_pose(stamp(0), (0, 0.5, 0), UNTURNED)
+        self.assertIsNotNone(by_pose.step())
+        self.assert_same(by_frames.snapshot(), by_pose.snapshot())
+        status = by_frames.status()
+        self.assertEqual(status["sensor_chain"], "odom -> body -> mast -> lidar")
+        self.assertEqual((status["transforms"], status["transforms_other_parent"]), (3, 1))
+
     def test_every_scan_is_accounted_for(self):
         live = session(queue_scans=2)
         sender = threading.Thread(target=lambda: [self.send(live, n) for n in range(30)])

@@ -79,7 +79,7 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
                        " ms after another are not used, to save memory");
   if (T_B_S_) rule_ += ", with T_B_S";
   if (!uses_.empty() && !T_B_S_)
-    if (const auto T_B_points = frames_.onMovingFrame(uses_.front().of_points))
+    if (const auto T_B_points = frames_.links().onMovingFrame(uses_.front().of_points))
       warnOfFarExtrinsic(T_B_points->translation(), "the recording's fixed transform of " + wordForMessage(topic_),
                          warnings_);
   if (options.level) {
@@ -124,7 +124,7 @@ void RecordingSteps::usePoseFile(IndexedTopic& cloud, const ScanInputOptions& op
 FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
   if (auto chain = frames_.chain(world_, leaf)) return *std::move(chain);
   std::string edges;
-  for (const std::string& edge : frames_.edges(20)) edges += (edges.empty() ? "" : ", ") + wordForMessage(edge);
+  for (const std::string& edge : frames_.links().edges(20)) edges += (edges.empty() ? "" : ", ") + wordForMessage(edge);
   throw UnusableInput(
       "recording.frames", subject_,
       "frame " + frameText(leaf) + " of " + wordForMessage(topic_) + " is not connected to frame " + frameText(world_) +
@@ -162,7 +162,7 @@ void RecordingSteps::useOdometry(IndexedTopic& poses, IndexedTopic& cloud, const
           (registered ? whose : frameText(world_)) + (registered ? " is, by " : " by ") +
           wordForMessage(poses.topic.name);
   if (!registered && uses_.front().of_points.from_leaf.size() + uses_.front().of_points.from_root.size() > 1)
-    rule_ += " and transforms (" + frames_.inWords(uses_.front().of_points) + ")";
+    rule_ += " and transforms (" + frames_.links().inWords(uses_.front().of_points) + ")";
 }
 
 void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
@@ -199,7 +199,7 @@ void RecordingSteps::useTransforms(IndexedTopic& cloud) {
   frames_.finish();
   if (world_.empty()) {
     const auto usual = mostUsedFrame(cloud, [](const std::string&) { return false; });
-    const auto top = frames_.top(usual.value_or(cloud.frames.front()));
+    const auto top = frames_.links().top(usual.value_or(cloud.frames.front()));
     if (top) world_ = *top;
   }
   leaveOutStrays(cloud, false);
@@ -212,7 +212,8 @@ void RecordingSteps::useTransforms(IndexedTopic& cloud) {
     uses_.push_back({.of_points = requireChain(frame)});
   }
   rule_ = "matching: " + wordForMessage(topic_) + " is in frame " + frameText(cloud.frames.front()) +
-          ", posed in frame " + frameText(world_) + " by transforms (" + frames_.inWords(uses_.front().of_points) + ")";
+          ", posed in frame " + frameText(world_) + " by transforms (" +
+          frames_.links().inWords(uses_.front().of_points) + ")";
   span_ = std::to_string(frames_.poses()) + " transforms";
   const auto tell = [&](std::uint64_t count, const std::string& what) {
     if (count > 0) notices_.push_back("poses: " + std::to_string(count) + " transforms are dropped: " + what);
@@ -220,7 +221,7 @@ void RecordingSteps::useTransforms(IndexedTopic& cloud) {
   if (frames_.invalid() > 0)
     warnings_.push_back({"poses.skipped",
                          std::to_string(frames_.invalid()) + " transforms are skipped: not finite, or not a rotation"});
-  tell(frames_.otherParents(), "their frame was posed in another one before");
+  tell(frames_.links().otherParents(), "their frame was posed in another one before");
   if (frames_.jumps() > 0)
     warnings_.push_back({"poses.jumps", "transforms jump " + std::to_string(frames_.jumps()) +
                                             " times at over 50 m/s: the map may be torn there"});

@@ -6,6 +6,7 @@
  *
  *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [large=N] [listen=PREFIX] [wait_s=S]
  *             [pose_stamps=FILE] [poses=0|1] [odometry=FILE] [times=0|1] [livox=0|1] [frame=NAME] [child=NAME]
+ *             [static_tf=FILE]
  *
  * STREAM: for each scan int64 stamp_ns, 3 doubles, 4 doubles x y z w, uint32 n, n x 3 floats; little-endian.
  * rate=0: as fast as it can. die=N: it is killed after N scans.
@@ -107,6 +108,33 @@ static void readPose(struct PoseFile* poses) {
 static void sendPosesUntil(struct PoseFile* poses, int64_t end_ns, dds_entity_t odometry, char* child) {
   for (; poses->has_next && poses->stamp_ns <= end_ns; readPose(poses))
     sendPose(odometry, poses->stamp_ns, poses->pose, child);
+}
+
+static void sendTransforms(dds_entity_t writer, const char* path) {
+  enum { kMost = 20 };
+  static char names[kMost][2][100];
+  static geometry_msgs_msg_dds__TransformStamped_ sent[kMost];
+  FILE* file = fopen(path, "r");
+  if (file == NULL) {
+    perror(path);
+    exit(1);
+  }
+  tf2_msgs_msg_dds__TFMessage_ message;
+  memset(&message, 0, sizeof message);
+  message.transforms._buffer = sent;
+  uint32_t count = 0;
+  for (; count < kMost; ++count) {
+    geometry_msgs_msg_dds__Transform_* to = &sent[count].transform;
+    if (fscanf(file, "%99s %99s %lf %lf %lf %lf %lf %lf %lf", names[count][0], names[count][1], &to->translation.x,
+               &to->translation.y, &to->translation.z, &to->rotation.x, &to->rotation.y, &to->rotation.z,
+               &to->rotation.w) != 9)
+      break;
+    sent[count].header.frame_id = names[count][0];
+    sent[count].child_frame_id = names[count][1];
+  }
+  fclose(file);
+  message.transforms._length = message.transforms._maximum = count;
+  check(dds_write(writer, &message), "transforms");
 }
 
 static void sendLivox(dds_entity_t clouds, int64_t stamp_ns, char* frame, uint32_t points, const float* xyz,
@@ -250,6 +278,20 @@ int main(int argc, char** argv) {
   check(clouds, "writer of clouds");
   check(odometry, "writer of odometry");
 
+  dds_entity_t transforms = 0;
+  if (word(argc, argv, "static_tf") != NULL) {
+    dds_qos_t* latched = dds_create_qos();
+    dds_qset_reliability(latched, DDS_RELIABILITY_RELIABLE, DDS_SECS(60));
+    dds_qset_durability(latched, DDS_DURABILITY_TRANSIENT_LOCAL);
+    dds_qset_history(latched, DDS_HISTORY_KEEP_LAST, 1);
+    const dds_entity_t topic =
+        dds_create_topic(participant, &tf2_msgs_msg_dds__TFMessage__desc, "rt/tf_static", NULL, NULL);
+    check(topic, "topic of transforms");
+    transforms = dds_create_writer(participant, topic, latched, NULL);
+    check(transforms, "writer of transforms");
+    dds_delete_qos(latched);
+  }
+
   struct Ears ears = {word(argc, argv, "listen"), 0, 0, 0, 0, NULL};
   if (ears.prefix != NULL) {
     dds_qos_t* reliable = dds_create_qos();
@@ -336,6 +378,7 @@ int main(int argc, char** argv) {
         check(dds_write(clouds, &cloud), "cloud");
       free(cloud.data._buffer);
       ++published;
+      if (transforms > 0 && published == 1) sendTransforms(transforms, word(argc, argv, "static_tf"));
       listenTo(&ears);
       if (published == die) raise(SIGKILL);
       if (published == large) {

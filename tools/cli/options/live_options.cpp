@@ -31,10 +31,12 @@ void requireTopic(const char* flag, const std::string& topic) {
 void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   MapOptions& map = options.map;
   map.forgetful = true;
-  flags.describe("live",
-                 "Labels while the scanner runs: clouds and odometry of ROS 2 in, labelled points out, over DDS.",
-                 "accessvdb live --cloud /livox/lidar --odom /Odometry --tool builtin:pruner --voxel 0.05 --out out/\n"
-                 "  accessvdb live --cloud /cloud_registered --odom /Odometry --config live.toml --network --out out/");
+  flags.describe(
+      "live",
+      "Labels while the scanner runs: clouds, odometry and transforms of ROS 2 in, labelled points out, over DDS.",
+      "accessvdb live --cloud /livox/lidar --odom /Odometry --extrinsic=-0.011,-0.023,0.044 --tool builtin:pruner "
+      "--voxel 0.05 --out out/\n"
+      "  accessvdb live --cloud /cloud_registered --odom /Odometry --config live.toml --network --out out/");
   addCommonOptions(flags, map.common);
   flags.option("--cloud", &options.cloud, "topic with the clouds: sensor_msgs/PointCloud2 or Livox CustomMsg");
   flags.option("--odom", &options.odom, "topic with the poses: nav_msgs/Odometry or geometry_msgs/PoseStamped");

@@ -39,8 +39,8 @@ constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply
 constexpr std::size_t kTimedScans = 10000;
 /// More points are not sent as one message: 60 MB.
 constexpr std::size_t kMostSentPoints = 1500000;
-/// What is done about motion is said so often: senders of two kinds may take turns.
-constexpr int kMostMotionNotices = 5;
+/// What is done about motion and frames is said so often: senders of two kinds may take turns.
+constexpr int kMostChangesSaid = 5;
 constexpr auto kWordsEvery = std::chrono::seconds(5);
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
@@ -109,6 +109,7 @@ class LiveRun {
   void publishPoints(const LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
   void warnOfNoneTaken(const LiveStatus& status);
+  void sayFrames(const LiveStatus& status);
   void say(const LiveSession& session, const dds::Participant& participant);
   void finish(const LiveSession& session);
 
@@ -116,8 +117,8 @@ class LiveRun {
   Messages& messages_;
   RunReport report_;
   bool refused_ = false;  // existing outputs must stay
-  bool said_full_ = false, said_many_ = false, said_disagree_ = false;
-  std::string said_motion_;
+  bool said_full_ = false, said_many_ = false, said_disagree_ = false, said_far_ = false, said_unconnected_ = false;
+  std::string said_motion_, said_chain_;
   int changes_said_ = 0;
   // To see when no scan is taken any more: what was dropped when the last one was, and when looked at last.
   std::uint64_t taken_before_ = 0, times_dropped_ = 0;
@@ -213,15 +214,20 @@ void LiveRun::publishPoints(const LiveSession& session, dds::Participant& partic
 }
 
 void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
-  const dds::TopicState clouds = participant.clouds(), poses = participant.poses();
-  report_.live = LiveReport{session.status(), clouds.malformed + poses.malformed, clouds.lost + poses.lost};
+  report_.live = LiveReport{session.status()};
+  for (int n = 0; n < dds::kNumInputs; ++n) {
+    const dds::TopicState state = participant.state(static_cast<dds::Input>(n));
+    report_.live->malformed += state.malformed;
+    report_.live->lost += state.lost;
+  }
   participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
   report_.agreement = session.agreement();
   if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
     messages_.warning("poses.disagree", *warning);
   warnOfNoneTaken(report_.live->status);
+  sayFrames(report_.live->status);
   if (const std::string& motion = report_.live->status.motion; !motion.empty() && motion != said_motion_) {
-    if (changes_said_++ < kMostMotionNotices) messages_.notice("points: " + motion);
+    if (changes_said_++ < kMostChangesSaid) messages_.notice("points: " + motion);
     said_motion_ = motion;
   }
   if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
@@ -261,10 +267,29 @@ void LiveRun::warnOfNoneTaken(const LiveStatus& status) {
   }
 }
 
+void LiveRun::sayFrames(const LiveStatus& status) {
+  if (!status.sensor_chain.empty() && status.sensor_chain != std::exchange(said_chain_, status.sensor_chain) &&
+      changes_said_++ < kMostChangesSaid)
+    messages_.notice("matching: clouds are posed by " + options_.odom + " and transforms (" + status.sensor_chain +
+                     ")");
+  if (!status.unconnected_frame.empty() && !std::exchange(said_unconnected_, true)) {
+    messages_.warning("live.frames", "clouds in frame " + printable(status.unconnected_frame.substr(0, 100)) +
+                                         " are dropped: no transform connects it to what " + options_.odom +
+                                         " poses. Publish it on /tf_static, or give --extrinsic");
+  }
+  constexpr double kFar_m = 5;  // as for recordings
+  if (status.extrinsic_m > kFar_m && !std::exchange(said_far_, true)) {
+    messages_.warning("poses.extrinsic", "the sensor is " + numberText(std::round(10 * status.extrinsic_m) / 10) +
+                                             " m from what " + options_.odom +
+                                             " poses: check that it is in metres, and the pose of the sensor on the "
+                                             "platform");
+  }
+}
+
 /// One line about how it goes, not kept for the report.
 void LiveRun::say(const LiveSession& session, const dds::Participant& participant) {
   const LiveStatus status = session.status();
-  const dds::TopicState clouds = participant.clouds(), poses = participant.poses();
+  const dds::TopicState clouds = participant.state(dds::Input::Clouds), poses = participant.state(dds::Input::Poses);
   std::string text = std::to_string(status.taken) + " of " + std::to_string(status.published) + " scans taken, " +
                      std::to_string(status.allDropped()) + " dropped, " + std::to_string(status.surface_points) +
                      " points, latency " + numberText(std::round(status.latency_p50_ms)) + " ms, p99 " +
@@ -274,7 +299,10 @@ void LiveRun::say(const LiveSession& session, const dds::Participant& participan
   if (clouds.senders > 0 && clouds.received == 0 && poses.received > 0)
     text += "; nothing of " + options_.cloud + " arrives: are its messages larger than --max-message " +
             options_.max_message + "?";
-  for (const auto& [topic, state] : {std::pair{options_.cloud, clouds}, std::pair{options_.odom, poses}}) {
+  for (const auto& [topic, state] : {std::pair{options_.cloud, clouds},
+                                     {options_.odom, poses},
+                                     {dds::kTransformTopics[0], participant.state(dds::Input::Transforms)},
+                                     {dds::kTransformTopics[1], participant.state(dds::Input::FixedTransforms)}}) {
     if (state.malformed == 0) continue;
     text += "; " + topic + ": " + std::to_string(state.malformed) + " unusable messages, the last " +
             state.last_problem.substr(0, 200);
@@ -356,7 +384,8 @@ int LiveRun::run() {
   {
     const dds::ParticipantOptions domain = participantOptions(options_);
     dds::Participant participant(domain, {[&](LiveScan scan) { session.addScan(std::move(scan)); },
-                                          [&](const LivePose& pose) { session.addPose(pose); }});
+                                          [&](const LivePose& pose) { session.addPose(pose); },
+                                          [&](const LiveTransform& transform) { session.addTransform(transform); }});
     messages_.notice("live on domain " + std::to_string(domain.domain) +
                      (domain.network ? ", all network interfaces" : ", this machine only (--network opens it)") +
                      ", waiting for " + options_.cloud + " and " + options_.odom);
