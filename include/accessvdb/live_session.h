@@ -40,11 +40,13 @@
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/scan_io.h"
+#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb {
 
+struct ToolSpec;
 namespace io {
 struct ScanAgreement;
 }  // namespace io
@@ -64,7 +66,8 @@ constexpr const char* name(ScanDrop reason) {
 }
 
 struct LiveOptions {
-  std::size_t queue_scans = 4;  ///< if more wait, the oldest are only fused
+  std::size_t update_every = 1;  ///< scans that are fused before the next labels
+  std::size_t queue_scans = 4;   ///< if more wait, the oldest are only fused
   /// Of all scans that wait (one of less than 100 counts as 100, three with times as five), 192 MB: a further scan
   /// drops the oldest.
   std::size_t most_waiting_returns = 16000000;
@@ -77,6 +80,9 @@ struct LiveOptions {
   std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
   /// Of scans whose points have times: as in ScanInputOptions. On drops scans without as unusable.
   io::Deskew deskew = io::Deskew::Auto;
+  /// How the frame of the poses is tilted: map and labels are in one that is level. From the IMU: by what it felt in
+  /// the first second with poses, at rest; scans wait for that.
+  std::optional<io::Level> level = {};
   /// Bytes of map, mirror and points (MemoryUse) from which the map no longer grows (AccessibilityField::stopGrowing):
   /// returns for which it has no place are left out, counted, and block; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
@@ -101,6 +107,13 @@ struct LiveTransform {
   Eigen::Vector3d p = Eigen::Vector3d::Zero();
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
   bool fixed = false;  ///< at all times (tf_static); the last one counts
+};
+
+/// What an IMU measured.
+struct LiveImu {
+  std::int64_t stamp_ns = 0;
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< specific force: up, at rest; any unit
+  std::string frame = {};  ///< of the first one; where no transform connects it, that of what is posed
 };
 
 /// One scan. Its returns are in `points`, or in `points_double` if the sender has doubles.
@@ -129,10 +142,12 @@ struct LiveStep {
   std::uint64_t unposed_returns = 0;   ///< left out: no pose at the time at which they were measured
   std::uint64_t left_out_returns = 0;  ///< no place for them, with the memory limit reached
   bool by_times = false;               ///< each return by the pose at its own time
-  bool late = false;                   ///< only fused: labels come with a later step
+  bool late = false;                   ///< only fused, since too many wait: labels come with a later step
   double waited_ms = 0;                ///< from addScan() to the beginning of the step
   double latency_ms = 0;               ///< from addScan() to labels
-  /// Points that are new, or whose label, reason or direction changed, in ascending order of their ids.
+  /// Points that are new, or whose label, reason or direction changed, or which of several tools reach them; in
+  /// ascending order of their ids. None after a step without labels: late, or between those of
+  /// LiveOptions::update_every.
   std::vector<SurfacePoint> changed;
 };
 
@@ -186,12 +201,16 @@ struct LiveStatus {
   }
 };
 
-/// addPose(), addTransform(), addScan(), endOfPoses(), waitForWork(), status() and takeDropped() may be called from any
-/// thread at any time; everything else from one thread at a time.
+/// addPose(), addTransform(), addImu(), addScan(), endOfPoses(), waitForWork(), status() and takeDropped() may be
+/// called from any thread at any time; everything else from one thread at a time.
 class ACCESSVDB_API LiveSession {
  public:
-  /// @throws InvalidArgument "live.queue", "live.poses", "live.window"; what AccessibilityField's constructor throws
+  /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "usage.update_every"; what AccessibilityField's
+  /// constructor throws
   LiveSession(const ToolGeometry& tool, const FieldParams& params = {}, const LiveOptions& options = {});
+  /// Several tools over one map, as AccessibilityField. @param progress  of the tools' tables
+  explicit LiveSession(std::vector<ToolSpec> tools, const FieldParams& params = {}, const LiveOptions& options = {},
+                       const TableProgress& progress = {});
   ~LiveSession();
   LiveSession(LiveSession&&) noexcept;
   LiveSession& operator=(LiveSession&&) noexcept;
@@ -201,9 +220,12 @@ class ACCESSVDB_API LiveSession {
   /// As in recordings (docs/recordings.md, "Which frame"): a frame keeps its first parent, and what poses say of a
   /// frame takes the place of what transforms say. Bad ones are counted, never used.
   void addTransform(const LiveTransform& transform);
+  /// Used for LiveOptions::level, until that is known.
+  void addImu(const LiveImu& imu);
   /// Never waits for a step(). Bad scans are counted, never used.
   void addScan(LiveScan scan);
-  /// No more poses will come: scans that wait for some are dropped. A later addPose() takes it back.
+  /// No more poses will come: scans that wait for some are dropped, and once none is left, a step() scores what
+  /// LiveOptions::update_every left. A later addPose() takes it back.
   void endOfPoses();
 
   /// Waits until step() has something to do, at most so long. @return whether it has
@@ -211,6 +233,7 @@ class ACCESSVDB_API LiveSession {
   /// Fuses the oldest scan that has a pose, and scores what it changed.
   /// @return nothing if no scan is ready
   /// @throws what AccessibilityField::integrateScan() and update() throw; that scan then counts as failed
+  /// @throws UnusableInput "level.no_imu", "level.moving": no scan will have a pose
   std::optional<LiveStep> step();
 
   [[nodiscard]] LiveStatus status() const;
@@ -218,6 +241,8 @@ class ACCESSVDB_API LiveSession {
   [[nodiscard]] std::vector<DroppedScan> takeDropped();
   /// As of the last step().
   [[nodiscard]] const AccessibilityField& field() const;
+  /// What turns the frame of the poses into that of the map; nothing as long as it is the same, or not known yet.
+  [[nodiscard]] std::optional<Eigen::Matrix3d> levelling() const;
   /// Whether the scans agree, of the latest ones that were compared (accessvdb/program/scan_agreement.h).
   [[nodiscard]] io::ScanAgreement agreement() const;
 

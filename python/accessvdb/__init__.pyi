@@ -694,9 +694,10 @@ class LiveSession:
 
     def __init__(
         self,
-        tool: ToolGeometry,
+        tool: Optional[ToolGeometry] = ...,
         params: Union[FieldParams, Mapping[str, Any], None] = ...,
         *,
+        tools: Optional[Sequence[Union[ToolSpec, ToolGeometry]]] = ...,
         queue_scans: int = ...,
         most_poses: int = ...,
         memory_limit_bytes: int = ...,
@@ -704,6 +705,8 @@ class LiveSession:
         exclude_box_S: Optional[npt.ArrayLike] = ...,
         max_gap_s: float = ...,
         deskew: _Deskew = ...,
+        update_every: int = ...,
+        level: Union[Literal["imu"], Tuple[float, float], None] = ...,
     ) -> None: ...
     def add_pose(
         self, stamp_ns: int, p_W: npt.ArrayLike, q_xyzw: npt.ArrayLike, frame: str = ..., child: str = ...
@@ -711,6 +714,7 @@ class LiveSession:
     def add_transform(
         self, parent: str, child: str, p: npt.ArrayLike, q_xyzw: npt.ArrayLike, stamp_ns: Optional[int] = ...
     ) -> None: ...
+    def add_imu(self, stamp_ns: int, force: npt.ArrayLike, frame: str = ...) -> None: ...
     def add_scan(
         self,
         stamp_ns: int,
@@ -719,6 +723,9 @@ class LiveSession:
         times: Optional[npt.ArrayLike] = ...,
         time_unit_s: float = ...,
     ) -> None: ...
+    @property
+    def R_L_W(self) -> Optional[npt.NDArray[np.float64]]:
+        """(3, 3): what turns the frame of the poses into that of the map."""
     def end_of_poses(self) -> None: ...
     def wait_for_work(self, at_most_s: float) -> bool: ...
     def step(self) -> Optional[LiveStep]: ...

@@ -12,6 +12,7 @@
 #include <string>
 
 #include "accessvdb/live_session.h"
+#include "accessvdb/tool_spec.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
 #include "bindings/settings.h"
@@ -25,8 +26,9 @@ namespace {
 /// A session whose steps take turns, should several threads call them.
 class Session {
  public:
-  Session(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& options)
-      : session_(tool, params, options) {}
+  template <typename Tools>
+  Session(const Tools& tools, const FieldParams& params, const LiveOptions& options)
+      : session_(tools, params, options) {}
 
   /// Runs body(session) alone among steps, without the interpreter's lock.
   template <typename Body>
@@ -47,10 +49,13 @@ class Session {
   LiveSession session_;
 };
 
-std::unique_ptr<Session> makeSession(const ToolGeometry& tool, const py::object& params, const py::object& queue_scans,
-                                     const py::object& most_poses, const py::object& memory_limit_bytes,
-                                     const py::object& T_B_S, const py::object& exclude_box_S,
-                                     const py::object& max_gap_s, const py::object& deskew) {
+std::unique_ptr<Session> makeSession(const py::object& tool, const py::object& params, const py::object& tools,
+                                     const py::object& queue_scans, const py::object& most_poses,
+                                     const py::object& memory_limit_bytes, const py::object& T_B_S,
+                                     const py::object& exclude_box_S, const py::object& max_gap_s,
+                                     const py::object& deskew, const py::object& update_every,
+                                     const py::object& level) {
+  requireOneOf(tool, tools);
   const FieldParams given = fieldParamsFrom(params);
   LiveOptions options;
   options.queue_scans = static_cast<std::size_t>(wholeNumberFrom("queue_scans", queue_scans, 0, 1'000'000));
@@ -58,13 +63,20 @@ std::unique_ptr<Session> makeSession(const ToolGeometry& tool, const py::object&
   options.memory_limit_bytes = largeNumberFrom("memory_limit_bytes", memory_limit_bytes);
   options.max_gap_s = numberFrom("max_gap_s", max_gap_s);
   options.deskew = settingFrom<io::Deskew>("deskew", deskew);
+  options.update_every = static_cast<std::size_t>(wholeNumberFrom("update_every", update_every, 0, 1'000'000));
+  if (!level.is_none()) options.level = levelFrom(level);
   if (!T_B_S.is_none()) options.T_B_S = poseOf("T_B_S", T_B_S);
   if (!exclude_box_S.is_none()) {
     const std::vector<double> box = numbers1("exclude_box_S", exclude_box_S, 6);
     options.exclude_box_S =
         Eigen::AlignedBox3d(Eigen::Vector3d(box[0], box[1], box[2]), Eigen::Vector3d(box[3], box[4], box[5]));
   }
-  return withoutLock([&] { return std::make_unique<Session>(tool, given, options); });
+  if (tool.is_none()) {
+    const std::vector<ToolSpec> specs = toolsFrom(tools);
+    return withoutLock([&] { return std::make_unique<Session>(specs, given, options); });
+  }
+  const auto one = tool.cast<ToolGeometry>();
+  return withoutLock([&] { return std::make_unique<Session>(one, given, options); });
 }
 
 void addPose(Session& session, std::int64_t stamp_ns, const py::object& p_W, const py::object& q_xyzw,
@@ -90,6 +102,14 @@ void addTransform(Session& session, const std::string& parent, const std::string
   transform.q = Eigen::Quaterniond(q[3], q[0], q[1], q[2]);
   transform.fixed = !stamp_ns;
   session.atOnce([&](LiveSession& s) { s.addTransform(transform); });
+}
+
+void addImu(Session& session, std::int64_t stamp_ns, const py::object& force, const std::string& frame) {
+  LiveImu imu;
+  imu.stamp_ns = stamp_ns;
+  imu.force = vector3("force", force);
+  imu.frame = frame;
+  session.atOnce([&](LiveSession& s) { s.addImu(imu); });
 }
 
 void addScan(Session& session, std::int64_t stamp_ns, const py::object& points, const std::string& frame,
@@ -195,29 +215,41 @@ void bindLive(py::module_& module) {
   py::class_<Session>(
       module, "LiveSession",
       "A field that is fed while the scanner runs, by any transport. add_pose(), add_transform(), "
-      "add_scan(), end_of_poses(), wait_for_work() and status() may be called from any thread at any time.")
-      .def(py::init(&makeSession), py::arg("tool"), py::arg("params") = py::none(), py::kw_only(),
-           py::arg("queue_scans") = 4, py::arg("most_poses") = 4000, py::arg("memory_limit_bytes") = 0,
-           py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(), py::arg("max_gap_s") = 0.2,
-           py::arg("deskew") = "auto",
-           "params: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are given. "
-           "exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame. deskew: auto, on or off, of scans with times.")
+      "add_imu(), add_scan(), end_of_poses(), wait_for_work() and status() may be called from any thread at any time.")
+      .def(py::init(&makeSession), py::arg("tool") = py::none(), py::arg("params") = py::none(), py::kw_only(),
+           py::arg("tools") = py::none(), py::arg("queue_scans") = 4, py::arg("most_poses") = 4000,
+           py::arg("memory_limit_bytes") = 0, py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(),
+           py::arg("max_gap_s") = 0.2, py::arg("deskew") = "auto", py::arg("update_every") = 1,
+           py::arg("level") = py::none(),
+           "tool, params, tools: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are "
+           "given. exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame. deskew: auto, on or off, of scans with "
+           "times. update_every: scans before the next labels. level: roll and pitch of the poses' frame in radians, "
+           "or \"imu\".")
       .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",
            py::arg("child") = "",
            "The pose of the platform at one time. frame, child: the names of the world's frame and of what is posed. "
-           "Bad "
-           "poses are counted, never used.")
+           "Bad poses are counted, never used.")
       .def("add_transform", &addTransform, py::arg("parent"), py::arg("child"), py::arg("p"), py::arg("q_xyzw"),
            py::arg("stamp_ns") = py::none(),
            "The pose of one frame in another, as tf has them: at one time, or without stamp_ns for good. Bad ones are "
            "counted, never used.")
-      .def(
-          "add_scan", &addScan, py::arg("stamp_ns"), py::arg("points"), py::arg("frame") = "",
-          py::arg("times") = py::none(), py::arg("time_unit_s") = 0,
-          "One scan, (N, 3). In the sensor's frame, unless `frame` is that of the poses: then in the world frame. "
-          "times: "
-          "(N,), when each point was measured, in units of time_unit_s since stamp_ns; 0: unit and clock are told from "
-          "the latest scans.")
+      .def("add_imu", &addImu, py::arg("stamp_ns"), py::arg("force"), py::arg("frame") = "",
+           "What an accelerometer felt, for level=\"imu\": up, at rest, in any unit.")
+      .def("add_scan", &addScan, py::arg("stamp_ns"), py::arg("points"), py::arg("frame") = "",
+           py::arg("times") = py::none(), py::arg("time_unit_s") = 0,
+           "One scan, (N, 3). In the sensor's frame, unless `frame` is that of the poses: then in the world frame. "
+           "times: (N,), when each point was measured, in units of time_unit_s since stamp_ns; 0: unit and clock are "
+           "told from "
+           "the latest scans.")
+      .def_property_readonly(
+          "R_L_W",
+          [](Session& session) -> std::optional<py::array> {
+            const auto R_L_W = session.atOnce([](LiveSession& s) { return s.levelling(); });
+            if (!R_L_W) return std::nullopt;
+            const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rows = *R_L_W;
+            return py::array_t<double>({3, 3}, rows.data());
+          },
+          "(3, 3): what turns the frame of the poses into that of the map, or None.")
       .def(
           "end_of_poses", [](Session& session) { session.atOnce([](LiveSession& s) { s.endOfPoses(); }); },
           "No more poses will come: scans that wait for some are dropped.")

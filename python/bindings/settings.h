@@ -21,6 +21,7 @@
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/params_rows.h"
+#include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 
 namespace accessvdb::python {

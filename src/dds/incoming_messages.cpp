@@ -43,6 +43,11 @@ LivePose poseFrom(bags::MessageKind kind, std::string_view cdr) {
   return pose;
 }
 
+LiveImu imuFrom(std::string_view cdr) {
+  const bags::ImuMessage message = bags::readImu(cdr, bags::Wire::Cdr);
+  return {message.header.stamp_ns, message.force, std::string(message.header.frame)};
+}
+
 std::vector<LiveTransform> transformsFrom(std::string_view cdr, bool fixed) {
   std::vector<LiveTransform> transforms;
   for (const bags::PoseMessage& message : bags::readTransforms(cdr, bags::Wire::Cdr)) {

@@ -22,6 +22,7 @@ namespace accessvdb::dds {
 /// @throws bags::MessageError
 [[nodiscard]] LiveScan scanFrom(bags::MessageKind kind, std::string_view cdr);
 [[nodiscard]] LivePose poseFrom(bags::MessageKind kind, std::string_view cdr);
+[[nodiscard]] LiveImu imuFrom(std::string_view cdr);
 /// @param fixed  of /tf_static
 [[nodiscard]] std::vector<LiveTransform> transformsFrom(std::string_view cdr, bool fixed);
 

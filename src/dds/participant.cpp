@@ -94,7 +94,10 @@ std::vector<WantedTopic> wantedTopics(const ParticipantOptions& options, const R
           {options.pose_topic, "poses", kMostPoseBytes, false, is(bags::isPose),
            [to = to.pose](const std::string& type, std::string_view cdr) { to(poseFrom(*bags::kindOf(type), cdr)); }},
           {kTransformTopics[0], "transforms", kMostTransformBytes, false, isTransforms, transforms(false)},
-          {kTransformTopics[1], "transforms", kMostTransformBytes, true, isTransforms, transforms(true)}};
+          {kTransformTopics[1], "transforms", kMostTransformBytes, true, isTransforms, transforms(true)},
+          {options.imu_topic, "the IMU", kMostPoseBytes, false,
+           is([](bags::MessageKind kind) { return kind == bags::MessageKind::Imu; }),
+           [to = to.imu](const std::string&, std::string_view cdr) { to(imuFrom(cdr)); }}};
 }
 
 }  // namespace
@@ -114,7 +117,8 @@ struct Participant::Impl {
 
   void join() {
     fast::Log::ClearConsumers();  // this program says what matters in its own words
-    for (const auto& input : inputs) discovery.want(input->wanted.topic);
+    for (const auto& input : inputs)
+      if (!input->wanted.topic.empty()) discovery.want(input->wanted.topic);
     participant = fast::DomainParticipantFactory::get_instance()->create_participant(
         static_cast<std::uint32_t>(options.domain), participantQos(options), &discovery, fast::StatusMask::none());
     if (participant == nullptr) fail("could not join the domain");
@@ -164,7 +168,7 @@ struct Participant::Impl {
 
   /// To the first who sends what is wanted; to another when none of those who send can be heard any more.
   void subscribe(Subscription& to, std::vector<std::string>& notices) {
-    if (stopped) return;
+    if (stopped || to.wanted.topic.empty()) return;
     const std::string& topic = to.wanted.topic;
     std::optional<Sender> first;
     bool heard = false, unheard = false;

@@ -22,7 +22,8 @@ struct ParticipantOptions {
   int domain = 0;        ///< 0 .. 232
   bool network = false;  ///< all interfaces with multicast, else UDP on 127.0.0.1 alone
   std::uint32_t most_message_bytes = 16U << 20;
-  std::string cloud_topic, pose_topic;  ///< as ROS names them: "/livox/lidar"
+  /// As ROS names them: "/livox/lidar". The IMU's may be empty.
+  std::string cloud_topic, pose_topic, imu_topic;
 };
 
 inline constexpr const char* kTransformTopics[] = {"/tf", "/tf_static"};
@@ -32,10 +33,12 @@ struct Receivers {
   std::function<void(LiveScan)> scan;
   std::function<void(LivePose)> pose;
   std::function<void(LiveTransform)> transform;
+  std::function<void(LiveImu)> imu;
 };
 
 /// One topic that is subscribed to.
 struct TopicState {
+  std::string topic;              ///< as ROS names it
   std::string type;               ///< as ROS names it; empty as long as nobody publishes it
   std::uint64_t senders = 0;      ///< connected now
   std::uint64_t received = 0;     ///< messages that arrived
@@ -44,8 +47,8 @@ struct TopicState {
   std::string last_problem = {};  ///< of the last malformed one
 };
 
-enum class Input { Clouds, Poses, Transforms, FixedTransforms };
-inline constexpr int kNumInputs = 4;
+enum class Input { Clouds, Poses, Transforms, FixedTransforms, Imu };
+inline constexpr int kNumInputs = 5;
 
 enum class Output { Points, Changes, Status };
 inline constexpr const char* kOutputTopics[] = {"/accessvdb/points", "/accessvdb/changes", "/accessvdb/status"};

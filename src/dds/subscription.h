@@ -39,7 +39,7 @@ struct WantedTopic {
 /// A topic that is subscribed to once it is found.
 class Subscription : public eprosima::fastdds::dds::DataReaderListener {
  public:
-  explicit Subscription(WantedTopic topic) : wanted(std::move(topic)) {}
+  explicit Subscription(WantedTopic topic) : wanted(std::move(topic)) { state_.topic = wanted.topic; }
 
   void on_data_available(eprosima::fastdds::dds::DataReader* from) override;
   void on_subscription_matched(eprosima::fastdds::dds::DataReader*,

@@ -48,15 +48,24 @@ std::optional<SensorMotion> LivePoses::motionAt(const std::string& frame, std::i
   const auto T_W_B = poses_.at(stamp_ns);
   if (!T_W_B) return std::nullopt;
   const Route route = routeTo(frame);
-  const auto T_W_S = sensorAt(route, stamp_ns, *T_W_B);
-  if (!T_W_S) return std::nullopt;
-  SensorMotion motion = {*T_W_B, *T_W_S, 0, {}};
+  const auto& R_L_W = level_.R_L_W();
+  const auto sensor = [&](std::int64_t at_ns, const Eigen::Isometry3d& T_W_B_then) {
+    auto T_W_S = sensorAt(route, at_ns, T_W_B_then);
+    if (T_W_S && R_L_W) T_W_S = Eigen::Isometry3d(*R_L_W) * *T_W_S;
+    return T_W_S;
+  };
+  const auto T_W_S = sensor(stamp_ns, *T_W_B);
+  if (!T_W_S || !level_.isKnown()) return std::nullopt;
+  SensorMotion motion;
+  motion.T_W_B = *T_W_B;
+  motion.T_W_S = *T_W_S;
+  if (R_L_W) motion.T_W_registered = Eigen::Isometry3d(*R_L_W);
   if (!ms) return motion;
   motion.first_ms = ms->first;
   for (std::int64_t at = ms->first; at <= ms->last; ++at) {
     const std::int64_t then_ns = stamp_ns + at * 1'000'000;
     const auto T_W_B_then = poses_.at(then_ns);
-    motion.T_W_S_at.push_back(T_W_B_then ? sensorAt(route, then_ns, *T_W_B_then) : std::nullopt);
+    motion.T_W_S_at.push_back(T_W_B_then ? sensor(then_ns, *T_W_B_then) : std::nullopt);
   }
   return motion;
 }
@@ -65,6 +74,7 @@ bool LivePoses::isSettled(const std::string& frame, std::int64_t stamp_ns) const
   /// So long do scans wait for transforms, by the poses' times: fixed ones come once, at the start, and late.
   constexpr std::int64_t kPatience_ns = 10'000'000'000;
   if (ended_) return true;
+  if (!level_.isKnown()) return false;
   if (!poses_.isPast(stamp_ns) && !poses_.at(stamp_ns)) return false;
   const Route route = routeTo(frame);
   if (route.direct || poses_.isPast(stamp_ns + kPatience_ns)) return true;
@@ -72,9 +82,28 @@ bool LivePoses::isSettled(const std::string& frame, std::int64_t stamp_ns) const
   return route.chain ? frames_.isSettled(*route.chain, stamp_ns) : taken_;
 }
 
+/// Where no transform connects it, the IMU is taken to lie as what is posed.
+std::optional<Eigen::Isometry3d> LivePoses::imuAt(const std::string& frame, std::int64_t stamp_ns) const {
+  const auto T_W_B = poses_.at(stamp_ns);
+  if (!T_W_B) return std::nullopt;
+  const std::string& world = world_frame_->empty() ? io::kWorldFrame : *world_frame_;
+  const auto chain = child_.empty() ? std::nullopt : frames_.chain(world, io::plainFrame(frame));
+  return chain ? frames_.at(*chain, stamp_ns, *T_W_B) : T_W_B;
+}
+
+bool LivePoses::levelIsDue() const {
+  const auto T_W_I = [this](const std::string& frame, std::int64_t ns) { return imuAt(frame, ns); };
+  return !level_.isKnown() &&
+         (ended_ || level_.isDue(T_W_I, [this](std::int64_t stamp_ns) { return poses_.isPast(stamp_ns); }));
+}
+
+void LivePoses::findLevel() {
+  level_.measure([this](const std::string& frame, std::int64_t stamp_ns) { return imuAt(frame, stamp_ns); });
+}
+
 void LivePoses::noteTaken(const std::string& frame, const SensorMotion& motion) {
   taken_ = true;
-  extrinsic_m_ = (motion.T_W_S.translation() - motion.T_W_B.translation()).norm();
+  extrinsic_m_ = (motion.T_W_registered.inverse() * motion.T_W_S.translation() - motion.T_W_B.translation()).norm();
   const Route route = routeTo(frame);
   if (!route.direct) sensor_chain_ = frames_.inWords(*route.chain);
 }

@@ -12,15 +12,17 @@
 #include "accessvdb/live_session.h"
 #include "io/scans/scan_motion.h"
 #include "live/live_frames.h"
+#include "live/live_level.h"
 #include "live/pose_buffer.h"
 
 namespace accessvdb::internal {
 
 /// The sensor's poses around those of a scan's returns.
 struct SensorMotion {
-  Eigen::Isometry3d T_W_B, T_W_S;                          ///< at the scan's stamp
-  std::int64_t first_ms = 0;                               ///< from the stamp on
-  std::vector<std::optional<Eigen::Isometry3d>> T_W_S_at;  ///< at each millisecond
+  Eigen::Isometry3d T_W_B, T_W_S;  ///< at the scan's stamp; T_W_B as it was given, the sensor's in the level frame
+  Eigen::Isometry3d T_W_registered = Eigen::Isometry3d::Identity();  ///< from the frame of the poses
+  std::int64_t first_ms = 0;                                         ///< from the stamp on
+  std::vector<std::optional<Eigen::Isometry3d>> T_W_S_at;            ///< at each millisecond
 
   [[nodiscard]] std::optional<Eigen::Isometry3d> at(std::int64_t ms) const {
     const auto n = static_cast<std::uint64_t>(ms - first_ms);
@@ -36,12 +38,20 @@ class LivePoses {
   explicit LivePoses(const LiveOptions& options)
       : T_B_S_(options.T_B_S),
         poses_(options.most_poses, options.max_gap_s),
-        frames_(options.most_poses, options.max_gap_s) {}
+        frames_(options.most_poses, options.max_gap_s),
+        level_(options.level) {}
 
   void add(const LivePose& pose);
   void add(const LiveTransform& transform) { frames_.add(transform); }
+  void add(const LiveImu& imu) { level_.add(imu); }
+  /// Whether findLevel() has something to do.
+  [[nodiscard]] bool levelIsDue() const;
+  /// @throws UnusableInput "level.no_imu", "level.moving"
+  void findLevel();
+  [[nodiscard]] const LiveLevel& level() const { return level_; }
   /// No more will come. A later add() takes it back.
   void end() { ended_ = true; }
+  [[nodiscard]] bool isEnd() const { return ended_; }
 
   /// Whether points in that frame are where they were measured.
   [[nodiscard]] bool isRegistered(const std::string& frame) const {
@@ -75,9 +85,12 @@ class LivePoses {
   [[nodiscard]] std::optional<Eigen::Isometry3d> sensorAt(const Route& route, std::int64_t stamp_ns,
                                                           const Eigen::Isometry3d& T_W_B) const;
 
+  [[nodiscard]] std::optional<Eigen::Isometry3d> imuAt(const std::string& frame, std::int64_t stamp_ns) const;
+
   std::optional<Eigen::Isometry3d> T_B_S_;
   PoseBuffer poses_;
   LiveFrames frames_;
+  LiveLevel level_;
   std::optional<std::string> world_frame_;
   std::string child_;
   std::string sensor_chain_, unconnected_;

@@ -11,6 +11,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/surface_points.h"
+#include "accessvdb/tool_spec.h"
 #include "io/poses/pose_track.h"
 #include "io/scans/scan_motion.h"
 #include "live/changed_points.h"
@@ -36,6 +37,8 @@ FieldParams checked(const FieldParams& params, const LiveOptions& options) {
     throw InvalidArgument("projective.limit", "memory_limit_bytes",
                           "the projective baseline cannot keep a map from growing", "Use another UpdateRegion");
   }
+  if (options.update_every < 1)
+    throw InvalidArgument("usage.update_every", "update_every", "must be 1 or more", "Leave it out for the default");
   if (options.most_poses < 2)
     throw InvalidArgument("live.poses", "most_poses", "must be 2 or more", "Leave it out for the default");
   if (!(options.max_gap_s >= io::kLeastPoseGap_s && options.max_gap_s <= io::kMostPoseGap_s))
@@ -64,6 +67,9 @@ io::ScanRecord recordOf(LiveScan& scan, const Ready& ready) {
   if (ready.registered) {
     record.points_W = std::move(scan.points_double);
     for (const Eigen::Vector3f& p : scan.points) record.points_W.push_back(p.cast<double>());
+    const Eigen::Isometry3d& T_W = ready.motion.T_W_registered;
+    if (!T_W.matrix().isIdentity(0))
+      for (Eigen::Vector3d& p : record.points_W) p = T_W * p;
   } else {
     record.points_S = std::move(scan.points);
     for (const Eigen::Vector3d& p : scan.points_double) record.points_S.push_back(asFloat(p));
@@ -74,9 +80,9 @@ io::ScanRecord recordOf(LiveScan& scan, const Ready& ready) {
 }  // namespace
 
 struct ACCESSVDB_PRIVATE LiveSession::Impl {
-  Impl(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& given)
+  Impl(AccessibilityField&& of, const LiveOptions& given)
       : options(given),
-        field(tool, checked(params, given)),
+        field(std::move(of)),
         waiting(given, field.params().tsdf.max_range_m, 8 * field.params().tsdf.voxel_size_m) {
     status.memory_limit_bytes = options.memory_limit_bytes;
   }
@@ -111,9 +117,8 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   /// A step failed. If the field did not break, it does not know what the scan saw: everything in its range is closed.
   void leaveOutAround(const internal::SensorMotion& motion) {
     try {
-      const double range_m = field.params().tsdf.max_range_m +
-                             (motion.T_W_S.translation() - motion.T_W_B.translation()).norm() + motion.spread_m(0);
-      field.leaveOut(std::array<Eigen::Vector3d, 1>{motion.T_W_B.translation()},
+      const double range_m = field.params().tsdf.max_range_m + motion.spread_m(0);
+      field.leaveOut(std::array<Eigen::Vector3d, 1>{motion.T_W_S.translation()},
                      std::min(range_m, internal::kFarthestReturn_m));
       static_cast<void>(field.update());
     } catch (const std::exception&) {  // it is broken, and answers nothing
@@ -130,8 +135,10 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     step.fused = record->origins_W.empty() ? field.integrateScan(record->points_S, record->T_W_S, stamp_s)
                                            : field.integrateRays(record->points_W, record->origins_W, stamp_s);
     step.left_out_returns = step.fused.left_out_returns;
-    if (step.late) return true;
+    ++unscored;
+    if (step.late || unscored < options.update_every) return true;
     step.scored = field.update();
+    unscored = 0;
     step.changed = changes.since(*field.points());
     return true;
   }
@@ -142,7 +149,8 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 
   const LiveOptions options;
   AccessibilityField field;
-  internal::ChangedPoints changes;
+  internal::ChangedPoints changes{field.tools().size() > 1};
+  std::size_t unscored = 0;  ///< scans since the last update
   internal::LiveAgreement agreement{field.params().tsdf.range_noise_m, options.T_B_S};
 
   mutable std::mutex lock;  ///< for all that follows
@@ -155,7 +163,11 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 };
 
 LiveSession::LiveSession(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& options)
-    : impl_(std::make_unique<Impl>(tool, params, options)) {}
+    : impl_(std::make_unique<Impl>(AccessibilityField(tool, checked(params, options)), options)) {}
+LiveSession::LiveSession(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
+                         const TableProgress& progress)
+    : impl_(std::make_unique<Impl>(AccessibilityField(std::move(tools), checked(params, options), progress), options)) {
+}
 LiveSession::~LiveSession() = default;
 LiveSession::LiveSession(LiveSession&&) noexcept = default;
 LiveSession& LiveSession::operator=(LiveSession&&) noexcept = default;
@@ -172,6 +184,14 @@ void LiveSession::addTransform(const LiveTransform& transform) {
   {
     const std::scoped_lock locked(impl_->lock);
     impl_->waiting.poses().add(transform);
+  }
+  impl_->arrived.notify_all();
+}
+
+void LiveSession::addImu(const LiveImu& imu) {
+  {
+    const std::scoped_lock locked(impl_->lock);
+    impl_->waiting.poses().add(imu);
   }
   impl_->arrived.notify_all();
 }
@@ -201,16 +221,19 @@ std::optional<LiveStep> LiveSession::step() {
   for (;;) {
     std::optional<Ready> ready;
     std::optional<internal::LostReturns> lost;
+    bool at_end = false;
     {
       const std::scoped_lock locked(impl_->lock);
       ready = impl_->waiting.next();
       impl_->busy = ready.has_value();
       if (!ready) lost = impl_->waiting.takeLost();
+      at_end = impl_->waiting.poses().isEnd() && impl_->waiting.size() == 0;
     }
     if (!ready) {
-      if (!lost->empty()) {
+      if (!lost->empty() || (at_end && impl_->unscored > 0)) {
         impl_->leaveOut(*lost);
         static_cast<void>(impl_->field.update());
+        impl_->unscored = 0;
       }
       return std::nullopt;
     }
@@ -273,6 +296,11 @@ LiveStatus LiveSession::status() const {
 std::vector<DroppedScan> LiveSession::takeDropped() {
   const std::scoped_lock locked(impl_->lock);
   return impl_->waiting.takeDropped();
+}
+
+std::optional<Eigen::Matrix3d> LiveSession::levelling() const {
+  const std::scoped_lock locked(impl_->lock);
+  return impl_->waiting.poses().level().R_L_W();
 }
 
 const AccessibilityField& LiveSession::field() const { return impl_->field; }

@@ -84,6 +84,7 @@ bool WaitingScans::isReady(const WaitingScan& waiting) const {
 }
 
 std::optional<WaitingScans::Ready> WaitingScans::next() {
+  if (!queue_.empty() && poses_.levelIsDue()) poses_.findLevel();
   while (hasWork()) {
     WaitingScan waiting = std::move(queue_.front());
     waiting_returns_ -= weightOf(waiting.scan);
@@ -112,9 +113,11 @@ void WaitingScans::lose(const WaitingScan& waiting) {
   drop(waiting, ScanDrop::QueueFull);
   const LiveScan& scan = waiting.scan;
   const bool registered = poses_.isRegistered(scan.frame);
-  if (!registered && poses_.isHopeless(scan.frame, scan.stamp_ns)) return;
-  Unplaced unplaced = {scan.frame, scan.stamp_ns, millisecondsOf(waiting), 0, LostReturns(cube_m_)};
-  LostReturns& where = registered ? lost_ : unplaced.in_sensor;
+  // Registered returns need no pose, unless they have to be turned level.
+  const bool placed = registered && poses_.level().isKnown() && !poses_.level().R_L_W();
+  if (!placed && poses_.isHopeless(scan.frame, scan.stamp_ns)) return;
+  Unplaced unplaced = {scan.frame, scan.stamp_ns, millisecondsOf(waiting), registered, 0, LostReturns(cube_m_)};
+  LostReturns& where = placed ? lost_ : unplaced.returns;
   const auto add = [&](const Eigen::Vector3d& p) {
     const double range_m = p.norm();
     const double most_m = registered ? kFarthestReturn_m : max_range_m_;
@@ -125,9 +128,9 @@ void WaitingScans::lose(const WaitingScan& waiting) {
   for (const Eigen::Vector3f& p : scan.points) add(p.cast<double>());
   for (const Eigen::Vector3d& p : scan.points_double) add(p);
   left_out_returns_ += returnsOf(scan);
-  if (registered) return;
+  if (placed) return;
   if (isReady(waiting)) {
-    place(unplaced.in_sensor, unplaced.farthest_m, *poses_.motionAt(unplaced.frame, unplaced.stamp_ns, unplaced.ms));
+    place(unplaced, *poses_.motionAt(unplaced.frame, unplaced.stamp_ns, unplaced.ms));
     return;
   }
   if (unplaced_.size() == kMostUnplaced) unplaced_.pop_front();
@@ -135,9 +138,10 @@ void WaitingScans::lose(const WaitingScan& waiting) {
 }
 
 /// Where the sensor was when each was measured is not kept: they may lie as far apart as it moved within the scan.
-void WaitingScans::place(const LostReturns& in_sensor, double farthest_m, const SensorMotion& motion) {
-  const double spread_m = in_sensor.radius_m() + motion.spread_m(farthest_m);
-  for (const Eigen::Vector3d& centre_S : in_sensor.centres_W()) lost_.add(motion.T_W_S * centre_S, spread_m);
+void WaitingScans::place(const Unplaced& scan, const SensorMotion& motion) {
+  const Eigen::Isometry3d& T_W = scan.registered ? motion.T_W_registered : motion.T_W_S;
+  const double spread_m = scan.returns.radius_m() + (scan.registered ? 0 : motion.spread_m(scan.farthest_m));
+  for (const Eigen::Vector3d& centre : scan.returns.centres_W()) lost_.add(T_W * centre, spread_m);
 }
 
 LostReturns WaitingScans::takeLost() {
@@ -146,7 +150,7 @@ LostReturns WaitingScans::takeLost() {
     const bool settled = poses_.isSettled(scan.frame, scan.stamp_ns) && poses_.isSettled(scan.frame, last_ns);
     if (!settled && !poses_.isHopeless(scan.frame, scan.stamp_ns)) return false;
     const auto motion = poses_.motionAt(scan.frame, scan.stamp_ns, scan.ms);
-    if (motion) place(scan.in_sensor, scan.farthest_m, *motion);
+    if (motion) place(scan, *motion);
     return true;
   });
   return std::exchange(lost_, LostReturns(cube_m_));

@@ -47,7 +47,7 @@ class WaitingScans {
 
   void add(LiveScan scan);
   /// Whether the first one has its turn, or never will.
-  [[nodiscard]] bool hasWork() const { return !queue_.empty() && isSettled(queue_.front()); }
+  [[nodiscard]] bool hasWork() const { return !queue_.empty() && (poses_.levelIsDue() || isSettled(queue_.front())); }
 
   struct Ready {
     WaitingScan waiting;
@@ -74,7 +74,6 @@ class WaitingScans {
   [[nodiscard]] bool isSettled(const WaitingScan& waiting) const;
   [[nodiscard]] bool isReady(const WaitingScan& waiting) const;
   void lose(const WaitingScan& waiting);
-  void place(const LostReturns& in_sensor, double farthest_m, const SensorMotion& motion);
   void dropFromTheFuture(std::int64_t stamp_ns);
   void removeFirst();
 
@@ -85,14 +84,16 @@ class WaitingScans {
   std::deque<WaitingScan> queue_;
   std::size_t waiting_returns_ = 0;  ///< weights of all scans in it
   LostReturns lost_;                 ///< of scans that there was no time for, until the next step
-  /// The same of a scan whose pose is not there yet: its returns in the frame of its sensor.
+  /// The same of a scan whose pose is not there yet.
   struct Unplaced {
     std::string frame;
     std::int64_t stamp_ns = 0;
     std::optional<io::WholeMilliseconds> ms;
+    bool registered = false;
     double farthest_m = 0;
-    LostReturns in_sensor;
+    LostReturns returns;  ///< in the frame of the sensor, or of the poses
   };
+  void place(const Unplaced& scan, const SensorMotion& motion);
   std::deque<Unplaced> unplaced_;
   int late_in_a_row_ = 0;
   std::deque<DroppedScan> dropped_;

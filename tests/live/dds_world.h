@@ -189,11 +189,12 @@ class LiveDds : public cli_test::ProgramTest {
       poses += text;
     }
     writeText("taken.txt", poses);
-    std::vector<std::string> arguments = {"map",   "--scans",        path("taken"), "--poses", path("taken.txt"),
-                                          "--out", path("expected"), "--tiles",     "off",     "--update-every",
-                                          "1"};
+    std::vector<std::string> arguments = {"map",        "--scans",        path("taken"), "--poses", path("taken.txt"),
+                                          "--out",      path("expected"), "--tiles",     "off",     "--update-every",
+                                          update_every_};
     for (const std::string& flag : fieldFlags()) arguments.push_back(flag);
     for (const char* flag : {"--change", "full", "--free-for", "60"}) arguments.emplace_back(flag);  // as live does
+    arguments.insert(arguments.end(), map_flags_.begin(), map_flags_.end());
     const ProgramResult result = runProgram(arguments);
     EXPECT_EQ(result.exit_code, 0) << result.err;
     return readText("expected/points.ply");
@@ -229,6 +230,8 @@ class LiveDds : public cli_test::ProgramTest {
   OwnDomain own_domain_;
   std::vector<SentScan> sent_;
   std::vector<int> peer_codes_;
+  std::string update_every_ = "1";       ///< for mapped()
+  std::vector<std::string> map_flags_;   ///< for mapped()
   std::uint64_t most_resident_KiB_ = 0;  ///< before it was stopped: afterwards it makes a picture
   json report_;
 };

@@ -111,6 +111,40 @@ class Live(unittest.TestCase):
         with self.assertRaises(accessvdb.InvalidArgument):
             live.add_scan(stamp(2), seen, times=times[:-1])
 
+    def test_several_tools_a_level_world_and_labels_now_and_then(self):
+        tool = accessvdb.ToolGeometry.builtin("builtin:pruner")
+        params = {"tsdf": {"voxel_size_m": walls.VOXEL_M}}
+        both = [accessvdb.ToolSpec(tool, name="flat"), accessvdb.ToolSpec(tool, orientations="sphere:60", name="ball")]
+        live = accessvdb.LiveSession(None, params, tools=both, update_every=2, level=(0, 0.1))
+        field = accessvdb.AccessibilityField(tools=both, params=params)
+        R_L_W = live.R_L_W
+        np.testing.assert_allclose(R_L_W @ (-np.sin(0.1), 0, np.cos(0.1)), (0, 0, 1), atol=1e-12)
+        for n in range(2):
+            T_W_S = walls.pose(y=0.2 * n)
+            points = walls.scan(T_W_S, seed=n)
+            live.add_scan(stamp(n), points)
+            live.add_pose(stamp(n), R_L_W.T @ (0, 0.2 * n, 0), (0, -np.sin(0.05), 0, np.cos(0.05)))
+            step = live.step()
+            self.assertEqual(len(step.changed) > 0, n == 1)
+            field.integrate_scan(points, T_W_S)
+        field.update()
+        # Turned there and back: all but a few points on the edge of a voxel are the same.
+        now, expected = live.snapshot(), field.snapshot()
+        self.assertLess(abs(len(now) - len(expected)), 0.01 * len(expected))
+        self.assertGreater(np.count_nonzero(now.tools == 2), 0)
+        waiting = session(level="imu")
+        waiting.add_imu(stamp(0), (0, 0, 9.81), frame="imu")
+        self.send(waiting, 0)
+        self.assertIsNone(waiting.step())
+        self.assertIsNone(waiting.R_L_W)
+        waiting.end_of_poses()
+        with self.assertRaises(accessvdb.UnusableInput):
+            waiting.step()
+        with self.assertRaises(TypeError):
+            accessvdb.LiveSession(tool, params, tools=both)
+        with self.assertRaises(accessvdb.InvalidArgument):
+            session(update_every=0)
+
     def test_transforms_say_where_the_sensor_is(self):
         T_W_S = walls.pose(y=0.5)
         by_frames, by_pose = session(), session()

@@ -44,17 +44,13 @@ void addSensorOptions(FlagParser& flags, SensorOptions& options) {
                "leave out returns inside X0,Y0,Z0,X1,Y1,Z1 in the sensor's frame, metres: the platform itself");
 }
 
-void addDeskewOption(FlagParser& flags, SensorOptions& options) {
+void addMotionOptions(FlagParser& flags, SensorOptions& options) {
   flags.option("--deskew", &options.deskew,
                "remove the sensor's motion within a scan, by the times of its points: auto (where there are times and "
                "poses), on (or refuse) or off");
-}
-
-void addMotionOptions(FlagParser& flags, SensorOptions& options) {
-  addDeskewOption(flags, options);
   flags.option("--level", &options.level,
                "turn the map level where the odometry's frame is tilted: ROLL,PITCH of that frame in degrees, or imu "
-               "(recordings: by what sensor_msgs/Imu felt at rest at the start)");
+               "(recordings and live: by what sensor_msgs/Imu felt at rest at the start)");
 }
 
 void applySensorOptions(const SensorOptions& options, io::ScanInputOptions& input) {
