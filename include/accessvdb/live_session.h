@@ -39,6 +39,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
+#include "accessvdb/region.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
@@ -57,11 +58,13 @@ enum class ScanDrop : std::uint8_t {
   NoPose,      ///< no poses around its time within 0.2 s, or a jump between them
   OutOfOrder,  ///< not later than the scan before it, or waiting and over 10 s later than one that came after it
   Unusable,    ///< no time, more returns than LiveOptions::most_returns, or times of points that cannot be its own
-  Failed       ///< the step that took it threw
+  Failed,      ///< the step that took it threw
+  Paused       ///< it came after pause()
 };
-inline constexpr int kNumScanDrops = 5;
+inline constexpr int kNumScanDrops = 6;
 constexpr const char* name(ScanDrop reason) {
-  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order", "unusable", "failed"};
+  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order", "unusable", "failed",
+                                                   "paused"};
   return kNames[static_cast<int>(reason)];
 }
 
@@ -151,6 +154,12 @@ struct LiveStep {
   std::vector<SurfacePoint> changed;
 };
 
+/// What removeRegion() did.
+struct LiveRemoval {
+  Removal removal;
+  std::vector<SurfacePoint> changed;  ///< as LiveStep::changed
+};
+
 struct DroppedScan {
   std::uint64_t number = 0;  ///< as LiveStep::number
   std::int64_t stamp_ns = 0;
@@ -190,6 +199,8 @@ struct LiveStatus {
   std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
   std::uint64_t memory_limit_bytes = 0;
   bool memory_full = false;  ///< no new space is taken any more
+  bool paused = false;
+  std::uint64_t resets = 0;
 
   /// From addScan() to labels, over the last 4096 scans taken.
   double latency_p50_ms = 0, latency_p99_ms = 0, latency_max_ms = 0;
@@ -201,7 +212,7 @@ struct LiveStatus {
   }
 };
 
-/// addPose(), addTransform(), addImu(), addScan(), endOfPoses(), waitForWork(), status() and takeDropped() may be
+/// addPose(), addTransform(), addImu(), addScan(), pause(), endOfPoses(), waitForWork(), status() and takeDropped() may be
 /// called from any thread at any time; everything else from one thread at a time.
 class ACCESSVDB_API LiveSession {
  public:
@@ -235,6 +246,14 @@ class ACCESSVDB_API LiveSession {
   /// @throws what AccessibilityField::integrateScan() and update() throw; that scan then counts as failed
   /// @throws UnusableInput "level.no_imu", "level.moving": no scan will have a pose
   std::optional<LiveStep> step();
+
+  /// From now on scans that come are dropped as paused, or taken again. Those that wait keep their turn.
+  void pause(bool paused);
+  /// The map is forgotten, and points are counted from 0 again. Poses, transforms and scans that wait are kept; scans
+  /// may have earlier times than before.
+  void reset();
+  /// As AccessibilityField::removeRegion() and update().
+  [[nodiscard]] LiveRemoval removeRegion(const Region& region, RemovedAs as = RemovedAs::Unknown);
 
   [[nodiscard]] LiveStatus status() const;
   /// The scans dropped since the last call, the last 1024 at most; all are counted in status().

@@ -137,16 +137,24 @@ struct Step {
   std::shared_ptr<FieldSnapshot> changed;
 };
 
+FieldSnapshot changedIn(const LiveSession& session, std::vector<SurfacePoint> points) {
+  return {std::move(points), session.field().origin_W(), session.field().params().tsdf.voxel_size_m};
+}
+
 std::optional<Step> step(Session& session) {
   return session.inTurn([](LiveSession& s) -> std::optional<Step> {
     std::optional<LiveStep> done = s.step();
     if (!done) return std::nullopt;
-    FieldSnapshot changed;
-    changed.points = std::move(done->changed);
-    changed.origin_W = s.field().origin_W();
-    changed.voxel_size_m = s.field().params().tsdf.voxel_size_m;
-    return Step{std::move(*done), keep(std::move(changed))};
+    auto changed = keep(changedIn(s, std::move(done->changed)));
+    return Step{std::move(*done), std::move(changed)};
   });
+}
+
+std::shared_ptr<FieldSnapshot> removeBox(Session& session, const py::object& min_W, const py::object& max_W,
+                                         const py::object& removed_as) {
+  const Region box = Region::box(vector3("min_W", min_W), vector3("max_W", max_W));
+  const auto as = settingFrom<RemovedAs>("removed_as", removed_as);
+  return session.inTurn([&](LiveSession& s) { return keep(changedIn(s, s.removeRegion(box, as).changed)); });
 }
 
 py::dict status(Session& session) {
@@ -183,6 +191,8 @@ py::dict status(Session& session) {
   all["memory_bytes"] = now.memory_bytes;
   all["memory_limit_bytes"] = now.memory_limit_bytes;
   all["memory_full"] = now.memory_full;
+  all["paused"] = now.paused;
+  all["resets"] = now.resets;
   all["latency_p50_ms"] = now.latency_p50_ms;
   all["latency_p99_ms"] = now.latency_p99_ms;
   all["latency_max_ms"] = now.latency_max_ms;
@@ -212,10 +222,10 @@ void bindLive(py::module_& module) {
                std::to_string(s.changed->points.size()) + " points changed>";
       });
 
-  py::class_<Session>(
-      module, "LiveSession",
-      "A field that is fed while the scanner runs, by any transport. add_pose(), add_transform(), "
-      "add_imu(), add_scan(), end_of_poses(), wait_for_work() and status() may be called from any thread at any time.")
+  py::class_<Session>(module, "LiveSession",
+                      "A field that is fed while the scanner runs, by any transport. add_pose(), add_transform(), "
+                      "add_imu(), add_scan(), pause(), end_of_poses(), wait_for_work() and status() may be called from "
+                      "any thread at any time.")
       .def(py::init(&makeSession), py::arg("tool") = py::none(), py::arg("params") = py::none(), py::kw_only(),
            py::arg("tools") = py::none(), py::arg("queue_scans") = 4, py::arg("most_poses") = 4000,
            py::arg("memory_limit_bytes") = 0, py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(),
@@ -241,6 +251,14 @@ void bindLive(py::module_& module) {
            "times: (N,), when each point was measured, in units of time_unit_s since stamp_ns; 0: unit and clock are "
            "told from "
            "the latest scans.")
+      .def(
+          "pause", [](Session& session, bool paused) { session.atOnce([&](LiveSession& s) { s.pause(paused); }); },
+          py::arg("paused") = true, "From now on scans that come are dropped as paused, or taken again.")
+      .def(
+          "reset", [](Session& session) { session.inTurn([](LiveSession& s) { s.reset(); }); },
+          "Forgets the map. Poses, transforms and scans that wait are kept.")
+      .def("remove_box", &removeBox, py::arg("min_W"), py::arg("max_W"), py::arg("removed_as") = "unknown",
+           "Takes what lies in a box out of the map, as unknown or free, and scores again; what changed.")
       .def_property_readonly(
           "R_L_W",
           [](Session& session) -> std::optional<py::array> {

@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dds/incoming_messages.h"
 
+#include "bags/message_reader.h"
+
 namespace accessvdb::dds {
 
 std::string rosType(const std::string& dds_type) {
@@ -10,6 +12,12 @@ std::string rosType(const std::string& dds_type) {
   if (middle == std::string::npos || dds_type.back() != '_') return dds_type;
   const std::size_t name = middle + kMiddle.size();
   return dds_type.substr(0, middle) + "/" + dds_type.substr(name, dds_type.size() - 1 - name);
+}
+
+std::string ddsType(const std::string& ros_type) {
+  const std::size_t slash = ros_type.find('/');
+  if (slash == std::string::npos) return ros_type;
+  return ros_type.substr(0, slash) + "::msg::dds_::" + ros_type.substr(slash + 1) + "_";
 }
 
 std::string ddsTopic(const std::string& ros_topic) {
@@ -41,6 +49,11 @@ LivePose poseFrom(bags::MessageKind kind, std::string_view cdr) {
   pose.frame = message.header.frame;
   pose.child = message.child;
   return pose;
+}
+
+std::string textFrom(std::string_view cdr) {
+  bags::MessageReader reader(cdr, bags::Wire::Cdr);
+  return std::string(reader.text());
 }
 
 LiveImu imuFrom(std::string_view cdr) {

@@ -2,8 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dds/participant.h"
 
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
-#include <fastrtps/utils/IPLocator.h>
+#include <fastrtps/config.h>
 #include <algorithm>
 #include <array>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -20,6 +19,7 @@
 
 #include "accessvdb/error.h"
 #include "dds/incoming_messages.h"
+#include "dds/participant_qos.h"
 #include "dds/raw_type.h"
 #include "dds/subscription.h"
 
@@ -37,43 +37,9 @@ constexpr std::uint32_t kMostPoseBytes = 16U << 10;
 constexpr std::uint32_t kMostTransformBytes = 256U << 10;
 /// Messages of one topic that are held at once: the listener takes each when it arrives.
 constexpr int kHeldMessages = 4;
-constexpr int kMostParticipants = 64;
 /// Messages that are being put together from fragments: a sender that is killed inside one keeps its place until it is
 /// noticed to be gone, ten seconds later, and must not take that of another.
 constexpr int kStartedMessages = kMostParticipants;
-
-rtps::Locator_t loopback() {
-  rtps::Locator_t locator;
-  locator.kind = LOCATOR_KIND_UDPv4;
-  rtps::IPLocator::setIPv4(locator, 127, 0, 0, 1);
-  return locator;
-}
-
-fast::DomainParticipantQos participantQos(const ParticipantOptions& options) {
-  constexpr std::size_t kMostEndpoints = 512;
-  constexpr std::uint32_t kSocketBytes = 4U << 20;  // the system may give less
-  fast::DomainParticipantQos qos;
-  qos.name("accessvdb");
-  qos.allocation().participants = {0, kMostParticipants, 1};
-  qos.allocation().readers = {0, kMostEndpoints, 1};
-  qos.allocation().writers = {0, kMostEndpoints, 1};
-  // Shared memory is left out: its versions differ between the releases of Fast DDS that ROS 2 comes with.
-  qos.transport().use_builtin_transports = false;
-  const auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-  udp->receiveBufferSize = kSocketBytes;
-  udp->sendBufferSize = kSocketBytes;
-  if (!options.network) {
-    // The loopback interface often has no multicast: the first participants of this machine are asked one by one.
-    constexpr std::uint32_t kAskedParticipants = 32;
-    udp->interfaceWhiteList.emplace_back("127.0.0.1");
-    udp->maxInitialPeersRange = kAskedParticipants;
-    rtps::BuiltinAttributes& discovery = qos.wire_protocol().builtin;
-    discovery.initialPeersList.push_back(loopback());
-    discovery.metatrafficUnicastLocatorList.push_back(loopback());
-  }
-  qos.transport().user_transports.push_back(udp);
-  return qos;
-}
 
 /// As Input numbers them.
 std::vector<WantedTopic> wantedTopics(const ParticipantOptions& options, const Receivers& to) {
@@ -97,7 +63,10 @@ std::vector<WantedTopic> wantedTopics(const ParticipantOptions& options, const R
           {kTransformTopics[1], "transforms", kMostTransformBytes, true, isTransforms, transforms(true)},
           {options.imu_topic, "the IMU", kMostPoseBytes, false,
            is([](bags::MessageKind kind) { return kind == bags::MessageKind::Imu; }),
-           [to = to.imu](const std::string&, std::string_view cdr) { to(imuFrom(cdr)); }}};
+           [to = to.imu](const std::string&, std::string_view cdr) { to(imuFrom(cdr)); }},
+          {kCommandTopic, "commands", kMostTextBytes, false,
+           [](const std::string& type) { return type == "std_msgs/String"; },
+           [to = to.command](const std::string&, std::string_view cdr) { to(textFrom(cdr)); }}};
 }
 
 }  // namespace
@@ -120,7 +89,8 @@ struct Participant::Impl {
     for (const auto& input : inputs)
       if (!input->wanted.topic.empty()) discovery.want(input->wanted.topic);
     participant = fast::DomainParticipantFactory::get_instance()->create_participant(
-        static_cast<std::uint32_t>(options.domain), participantQos(options), &discovery, fast::StatusMask::none());
+        static_cast<std::uint32_t>(options.domain), participantQos("accessvdb", options.network), &discovery,
+        fast::StatusMask::none());
     if (participant == nullptr) fail("could not join the domain");
     publisher = participant->create_publisher(fast::PUBLISHER_QOS_DEFAULT);
     subscriber = participant->create_subscriber(fast::SUBSCRIBER_QOS_DEFAULT);
@@ -153,7 +123,8 @@ struct Participant::Impl {
     // A datagram that is lost, as in the burst of a large cloud, is noticed and sent again within this time.
     qos.reliable_writer_qos().times.heartbeatPeriod = {0, 100'000'000};
     qos.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
-    fast::Topic* topic = topicOf(kOutputTopics[static_cast<int>(output)], type, options.most_message_bytes);
+    fast::Topic* topic = topicOf(kOutputTopics[static_cast<int>(output)], type,
+                                 output == Output::Status ? kMostTextBytes : options.most_message_bytes);
     fast::DataWriter* made = topic == nullptr ? nullptr : publisher->create_datawriter(topic, qos);
     if (made == nullptr) fail("could not publish " + std::string(kOutputTopics[static_cast<int>(output)]));
     return made;
@@ -237,6 +208,8 @@ Participant::Participant(const ParticipantOptions& options, const Receivers& rec
   impl_->join();
 }
 Participant::~Participant() = default;
+
+std::string middleware() { return "Fast DDS " FASTRTPS_VERSION_STR; }
 
 std::vector<std::string> Participant::poll() {
   std::vector<std::string> notices;

@@ -26,6 +26,9 @@ struct ParticipantOptions {
   std::string cloud_topic, pose_topic, imu_topic;
 };
 
+inline constexpr const char* kCommandTopic = "/accessvdb/command";
+/// Texts, of commands and of the status, have no more; longer ones are not accepted.
+inline constexpr std::uint32_t kMostTextBytes = 64U << 10;
 inline constexpr const char* kTransformTopics[] = {"/tf", "/tf_static"};
 
 /// What receives. Called from threads of the middleware, which must not wait.
@@ -34,6 +37,7 @@ struct Receivers {
   std::function<void(LivePose)> pose;
   std::function<void(LiveTransform)> transform;
   std::function<void(LiveImu)> imu;
+  std::function<void(std::string)> command;
 };
 
 /// One topic that is subscribed to.
@@ -47,11 +51,14 @@ struct TopicState {
   std::string last_problem = {};  ///< of the last malformed one
 };
 
-enum class Input { Clouds, Poses, Transforms, FixedTransforms, Imu };
-inline constexpr int kNumInputs = 5;
+enum class Input { Clouds, Poses, Transforms, FixedTransforms, Imu, Commands };
+inline constexpr int kNumInputs = 6;
 
 enum class Output { Points, Changes, Status };
 inline constexpr const char* kOutputTopics[] = {"/accessvdb/points", "/accessvdb/changes", "/accessvdb/status"};
+
+/// "Fast DDS 2.9.1"
+[[nodiscard]] std::string middleware();
 
 class Participant {
  public:

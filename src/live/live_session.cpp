@@ -80,8 +80,9 @@ io::ScanRecord recordOf(LiveScan& scan, const Ready& ready) {
 }  // namespace
 
 struct ACCESSVDB_PRIVATE LiveSession::Impl {
-  Impl(AccessibilityField&& of, const LiveOptions& given)
+  Impl(AccessibilityField&& of, const FieldParams& params, const LiveOptions& given)
       : options(given),
+        given_params(params),
         field(std::move(of)),
         waiting(given, field.params().tsdf.max_range_m, 8 * field.params().tsdf.voxel_size_m) {
     status.memory_limit_bytes = options.memory_limit_bytes;
@@ -148,6 +149,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   }
 
   const LiveOptions options;
+  const FieldParams given_params;
   AccessibilityField field;
   internal::ChangedPoints changes{field.tools().size() > 1};
   std::size_t unscored = 0;  ///< scans since the last update
@@ -163,10 +165,11 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 };
 
 LiveSession::LiveSession(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& options)
-    : impl_(std::make_unique<Impl>(AccessibilityField(tool, checked(params, options)), options)) {}
+    : impl_(std::make_unique<Impl>(AccessibilityField(tool, checked(params, options)), params, options)) {}
 LiveSession::LiveSession(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
                          const TableProgress& progress)
-    : impl_(std::make_unique<Impl>(AccessibilityField(std::move(tools), checked(params, options), progress), options)) {
+    : impl_(std::make_unique<Impl>(AccessibilityField(std::move(tools), checked(params, options), progress), params,
+                                   options)) {
 }
 LiveSession::~LiveSession() = default;
 LiveSession::LiveSession(LiveSession&&) noexcept = default;
@@ -210,6 +213,34 @@ void LiveSession::endOfPoses() {
     impl_->waiting.poses().end();
   }
   impl_->arrived.notify_all();
+}
+
+void LiveSession::pause(bool paused) {
+  const std::scoped_lock locked(impl_->lock);
+  impl_->waiting.pause(paused);
+}
+
+void LiveSession::reset() {
+  Impl& impl = *impl_;
+  impl.field = AccessibilityField(impl.field.tools(), impl.given_params);
+  impl.changes = internal::ChangedPoints(impl.field.tools().size() > 1);
+  impl.agreement = internal::LiveAgreement(impl.field.params().tsdf.range_noise_m, impl.options.T_B_S);
+  impl.unscored = 0;
+  const std::scoped_lock locked(impl.lock);
+  impl.waiting.forgetTaken();
+  impl.status.surface_points = 0;
+  impl.status.memory_bytes = bytesOf(impl.field.memoryUse());
+  impl.status.memory_full = false;
+  ++impl.status.resets;
+}
+
+LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
+  LiveRemoval removal;
+  removal.removal = impl_->field.removeRegion(region, as);
+  static_cast<void>(impl_->field.update());
+  impl_->unscored = 0;
+  removal.changed = impl_->changes.since(*impl_->field.points());
+  return removal;
 }
 
 bool LiveSession::waitForWork(std::chrono::milliseconds at_most) {

@@ -40,6 +40,7 @@ void WaitingScans::add(LiveScan scan) {
   scan.frame = io::plainFrame(scan.frame);
   WaitingScan waiting = {std::move(scan), published_++, std::chrono::steady_clock::now()};
   const std::int64_t stamp_ns = waiting.scan.stamp_ns;
+  if (paused_) return drop(waiting, ScanDrop::Paused);
   if (!isUsable(waiting.scan, options_)) return drop(waiting, ScanDrop::Unusable);
   dropFromTheFuture(stamp_ns);
   if (last_stamp_ns_ && stamp_ns <= *last_stamp_ns_) return drop(waiting, ScanDrop::OutOfOrder);
@@ -55,6 +56,13 @@ void WaitingScans::add(LiveScan scan) {
   }
   waiting_returns_ += weight;
   queue_.push_back(std::move(waiting));
+}
+
+void WaitingScans::forgetTaken() {
+  taken_stamp_ns_.reset();
+  last_stamp_ns_ = queue_.empty() ? std::nullopt : std::optional(queue_.back().scan.stamp_ns);
+  lost_ = LostReturns(cube_m_);
+  unplaced_.clear();
 }
 
 void WaitingScans::removeFirst() {
@@ -181,6 +189,7 @@ void WaitingScans::tell(LiveStatus& status) const {
   status.published = published_;
   status.waiting = queue_.size();
   status.dropped = drops_;
+  status.paused = paused_;
   status.left_out_returns += left_out_returns_;
   status.motion = times_.words();
 }

@@ -46,6 +46,9 @@ class WaitingScans {
   [[nodiscard]] const LivePoses& poses() const { return poses_; }
 
   void add(LiveScan scan);
+  void pause(bool paused) { paused_ = paused; }
+  /// What scans before saw is forgotten, and scans may come that are earlier.
+  void forgetTaken();
   /// Whether the first one has its turn, or never will.
   [[nodiscard]] bool hasWork() const { return !queue_.empty() && (poses_.levelIsDue() || isSettled(queue_.front())); }
 
@@ -96,6 +99,7 @@ class WaitingScans {
   void place(const Unplaced& scan, const SensorMotion& motion);
   std::deque<Unplaced> unplaced_;
   int late_in_a_row_ = 0;
+  bool paused_ = false;
   std::deque<DroppedScan> dropped_;
   std::optional<std::int64_t> last_stamp_ns_;   ///< of the last scan that was put in the queue
   std::optional<std::int64_t> taken_stamp_ns_;  ///< of the last one that left it with a pose

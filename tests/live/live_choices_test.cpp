@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a live session takes of `map`: several tools and their orientations, labels after every n scans, a level world.
+/// What a live session takes of `map`: several tools and their orientations, labels after every n scans, a level world;
+/// and what it can be told while it goes on.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -74,6 +75,85 @@ TEST(LiveChoices, LabelsComeAfterEveryFewScansAndAtTheEnd) {
   expectSameField(session.field(), expected);
   options.update_every = 0;
   EXPECT_THROW(LiveSession(test::armTool(), coarseParams(), options), InvalidArgument);
+}
+
+TEST(LiveChoices, WhatIsRemovedIsAsInAFieldThatIsFedDirectly) {
+  const std::vector<Scan> scans = test::wallScans(3, 6, 300);
+  LiveSession session(test::armTool(), coarseParams());
+  AccessibilityField expected(test::armTool(), coarseParams());
+  const auto feed = [&](std::size_t n) {
+    session.addPose(poseOf(scans[n], n));
+    session.addScan(scanOf(scans[n], n));
+    EXPECT_TRUE(session.step());
+    expected.integrateScan(scans[n].points_S, sentPose(poseOf(scans[n], n)));
+    expected.update();
+  };
+  for (std::size_t n = 0; n < 4; ++n) feed(n);
+  const Eigen::Vector3d middle_W = expected.snapshot().points[20].position_W;
+  const Region box = Region::box(middle_W.array() - 0.3, middle_W.array() + 0.3);
+  const FieldSnapshot before = session.field().snapshot();
+  const LiveRemoval removal = session.removeRegion(box, RemovedAs::Free);
+  EXPECT_EQ(removal.removal.voxels, expected.removeRegion(box, RemovedAs::Free).voxels);
+  expected.update();
+  expectSameField(session.field(), expected);
+  std::size_t changed = 0;
+  const FieldSnapshot after = session.field().snapshot();
+  for (std::size_t n = 0; n < after.points.size(); ++n)
+    changed += test::sameVerdict(before.points[n], after.points[n]) ? 0 : 1;
+  EXPECT_GE(changed, removal.changed.size());
+  EXPECT_GT(removal.changed.size(), 5U);
+  for (std::size_t n = 4; n < scans.size(); ++n) feed(n);
+  expectSameField(session.field(), expected);
+  EXPECT_THROW(static_cast<void>(session.removeRegion(Region::box({90, 90, 90}, {91, 91, 91}))), UnusableInput);
+}
+
+TEST(LiveChoices, AResetForgetsTheMapAndTakesEarlierTimes) {
+  const std::vector<Scan> scans = test::wallScans(3, 6, 300);
+  for (const bool several : {false, true}) {
+    LiveSession session =
+        several ? LiveSession(twoTools(), coarseParams()) : LiveSession(test::armTool(), coarseParams());
+    LiveSession fresh =
+        several ? LiveSession(twoTools(), coarseParams()) : LiveSession(test::armTool(), coarseParams());
+    const auto feed = [&](LiveSession& to, std::size_t n) {
+      to.addPose(poseOf(scans[n], n));
+      to.addScan(scanOf(scans[n], n));
+    };
+    for (std::size_t n = 2; n < 5; ++n) feed(session, n);
+    EXPECT_EQ(stepAll(session), 3U);
+    feed(session, 5);  // waits for its turn, and gets it
+    session.reset();
+    EXPECT_EQ(session.field().snapshot().points.size(), 0U);
+    EXPECT_EQ(session.status().resets, 1U);
+    EXPECT_EQ(session.status().waiting, 1U);
+    EXPECT_EQ(stepAll(session), 1U);
+    session.reset();
+    for (std::size_t n = 0; n < 3; ++n) {
+      feed(session, n);
+      feed(fresh, n);
+      const auto step = session.step(), expected = fresh.step();
+      ASSERT_TRUE(step && expected);
+      EXPECT_EQ(step->changed.size(), expected->changed.size());
+    }
+    expectSameField(session.field(), fresh.field());
+    expectAllAccountedFor(session.status());
+    EXPECT_EQ(session.status().allDropped(), 0U);
+  }
+}
+
+TEST(LiveChoices, WhatComesWhileItIsPausedIsCountedAndNotSeen) {
+  const std::vector<Scan> scans = test::wallScans(3, 6, 300);
+  LiveSession session(test::armTool(), coarseParams());
+  for (std::size_t n = 0; n < scans.size(); ++n) {
+    session.pause(n == 2 || n == 3);
+    session.addPose(poseOf(scans[n], n));
+    session.addScan(scanOf(scans[n], n));
+    EXPECT_EQ(session.status().paused, n == 2 || n == 3);
+    EXPECT_EQ(session.step().has_value(), n != 2 && n != 3);
+  }
+  EXPECT_EQ(droppedFor(session, ScanDrop::Paused), 2U);
+  EXPECT_EQ(session.status().left_out_returns, 0U);
+  expectAllAccountedFor(session.status());
+  expectSameField(session.field(), fedDirectly(scans, {0, 1, 4, 5}));
 }
 
 /// The odometry's frame is tilted by angles, and so are its poses and registered clouds; the map is as if it were not.

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
+#include "runs/checkpoint.h"
 #include "runs/memory_check.h"
 
 namespace accessvdb::tools {
@@ -34,7 +35,8 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   map.update_every = 1;
   flags.describe(
       "live",
-      "Labels while the scanner runs: clouds, odometry and transforms of ROS 2 in, labelled points out, over DDS.",
+      "Labels while the scanner runs: clouds, odometry and transforms of ROS 2 in, labelled points out, over DDS (" +
+          dds::middleware() + ").",
       "accessvdb live --cloud /livox/lidar --odom /Odometry --extrinsic=-0.011,-0.023,0.044 --tool builtin:pruner "
       "--voxel 0.05 --out out/\n"
       "  accessvdb live --cloud /cloud_registered --odom /Odometry --config live.toml --network --out out/");
@@ -51,6 +53,7 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
                "eighths of what the machine can give");
   flags.option("--points-every", &options.points_every_s, "seconds between messages with all points; 0 = never");
   flags.option("--status-every", &options.status_every_s, "seconds between messages about the run");
+  flags.option("--checkpoint", &map.checkpoint, "folder in which the command checkpoint leaves the map's state");
   flags.option("--scan-log", &options.scan_log, "write a line per scan into this file: taken, or why not");
   addFieldOptions(flags, map);
   addSensorOptions(flags, map.sensor);
@@ -99,6 +102,7 @@ void checkLiveOptions(const LiveRunOptions& options) {
   }
   if (options.map.exported.sequence > 0)
     throw InvalidArgument("usage.sequence", "--sequence", "is for map, not for live", "Leave it out");
+  checkCheckpointOptions(options.map);
   (void)sessionOptions(options);
   (void)participantOptions(options);
   (void)renderOptions(options.map.picture);

@@ -51,12 +51,21 @@ Json jsonLive(const LiveReport& live) {
   for (int i = 0; i < kNumScanDrops; ++i) {
     dropped[name(static_cast<ScanDrop>(i))] = status.dropped[static_cast<std::size_t>(i)];
   }
+  Json answers = Json::array();
+  for (const LiveAnswer& answer : live.commands.answers)
+    answers.push_back(
+        {{"id", Json::parse(answer.id)}, {"command", answer.command}, {"done", answer.done}, {"words", answer.words}});
   return {
       {"published", status.published},
       {"taken", status.taken},
       {"late", status.late},
       {"waiting", status.waiting},
       {"dropped", dropped},
+      {"paused", status.paused},
+      {"resets", status.resets},
+      {"commands",
+       {{"received", live.commands.received}, {"done", live.commands.done}, {"refused", live.commands.refused}}},
+      {"answers", answers},
       {"malformed", live.malformed},
       {"lost", live.lost},
       {"poses",

@@ -47,9 +47,11 @@ void LiveWords::warnOfNoneTaken(const LiveStatus& status) {
     return status.dropped[n] - dropped_before_[n] >= kMany && !std::exchange(said_dropped_[n], true);
   };
   if (many(ScanDrop::OutOfOrder)) {
-    messages_.warning("live.clock", "no scan of " + options_.cloud +
-                                        " is taken any more: their times are not later than that of one before, so "
-                                        "the sender's clock has jumped back. Start this run again once it is right");
+    messages_.warning("live.clock",
+                      "no scan of " + options_.cloud +
+                          " is taken any more: their times are not later than that of one before, so "
+                          "the sender's clock has jumped back. Once it is right, send the command reset or "
+                          "start this run again");
   }
   if (many(ScanDrop::NoPose)) {
     messages_.warning("live.no_pose", "no scan of " + options_.cloud + " is taken: " + options_.odom +

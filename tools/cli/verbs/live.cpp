@@ -26,7 +26,9 @@
 #include "output/scan_log.h"
 #include "output/stop_signal.h"
 #include "runs/agreement_check.h"
+#include "runs/checkpoint.h"
 #include "runs/gpu_fallback.h"
+#include "runs/live_commands.h"
 #include "runs/live_words.h"
 #include "verbs/verbs.h"
 
@@ -68,12 +70,18 @@ class LiveRun {
   void note(const LiveStep& step);
   void publishPoints(const LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
+  void obey(LiveSession& session, dds::Participant& participant);
+  [[nodiscard]] std::string carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant);
+  void writeFiles(const LiveSession& session);
   void finish(const LiveSession& session);
 
   const LiveRunOptions& options_;
   Messages& messages_;
   LiveWords words_{options_, messages_};
+  LiveCommands commands_;
+  Checkpoints checkpoints_{options_.map, messages_};
   RunReport report_;
+  Eigen::AlignedBox3d surface_W_;
   bool refused_ = false;  // existing outputs must stay
   bool said_many_ = false, said_disagree_ = false;
   std::int64_t last_stamp_ns_ = 0;
@@ -172,6 +180,7 @@ void LiveRun::publishPoints(const LiveSession& session, dds::Participant& partic
 
 void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
   report_.live = LiveReport{session.status()};
+  report_.live->commands = commands_.report();
   for (int n = 0; n < dds::kNumInputs; ++n) {
     const dds::TopicState state = participant.state(static_cast<dds::Input>(n));
     report_.live->malformed += state.malformed;
@@ -182,6 +191,63 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
   if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
     messages_.warning("poses.disagree", *warning);
   words_.tell(report_.live->status);
+}
+
+/// One after the other, each answered at once.
+void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
+  while (const auto command = commands_.next()) {
+    try {
+      commands_.answer(*command, true, carryOut(*command, session, participant));
+    } catch (const Error& error) {
+      if (error.code() == ErrorCode::Device || error.code() == ErrorCode::Internal) throw;
+      commands_.answer(*command, false, error.what());
+    }
+    publishStatus(session, participant);
+  }
+  if (commands_.takeNews()) publishStatus(session, participant);
+}
+
+/// @return what was done, in words  @throws Error for what could not be done; nothing has changed then
+std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant) {
+  const auto refuse = [](const std::string& why) { throw UnusableInput("live.command", "this command", why, ""); };
+  const auto showPoints = [&](const std::vector<SurfacePoint>& changed) {
+    if (!changed.empty() && participant.subscribers(dds::Output::Changes) > 0)
+      participant.publish(dds::Output::Changes, dds::cloudMessage(changed, last_stamp_ns_, outgoing(session)));
+    sent_to_ = 0;  // all points are sent again
+  };
+  switch (command.kind) {
+    case LiveCommandKind::Save:
+      if (session.field().points()->size() == 0) refuse("cannot be done: there is nothing to save");
+      writeFiles(session);
+      writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
+      return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out;
+    case LiveCommandKind::Checkpoint: {
+      if (options_.map.checkpoint.empty()) refuse("cannot be done: the program was started without --checkpoint");
+      RunProgress progress;
+      progress.next_step = progress.steps = report_.scans;
+      progress.points_in = report_.points_in;
+      progress.points_used = report_.points_used;
+      if (!checkpoints_.write(session.field(), progress)) refuse("could not be done: the checkpoint cannot be written");
+      return "checkpoint after " + std::to_string(report_.scans) + " scans in " + options_.map.checkpoint;
+    }
+    case LiveCommandKind::Reset:
+      session.reset();
+      checkpoints_.noteChange();
+      showPoints({});
+      return "the map is empty";
+    case LiveCommandKind::Remove: {
+      const LiveRemoval removal = session.removeRegion(Region::box(command.min_W, command.max_W), command.removed_as);
+      checkpoints_.noteChange();
+      showPoints(removal.changed);
+      return "removed " + std::to_string(removal.removal.voxels) + " voxels and " +
+             std::to_string(removal.removal.points) + " points as " + name(removal.removal.as);
+    }
+    case LiveCommandKind::Pause:
+    case LiveCommandKind::Resume:
+      session.pause(command.kind == LiveCommandKind::Pause);
+      return command.kind == LiveCommandKind::Pause ? "scans are dropped until resume" : "scans are taken";
+  }
+  return "";
 }
 
 void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanLog& log) {
@@ -195,6 +261,7 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
     for (const std::string& notice : participant.poll()) messages_.notice(notice);
     session.waitForWork(std::chrono::milliseconds(50));
     takeNext(session, participant, log);
+    obey(session, participant);
     if (options_.points_every_s > 0 && due(points_at, options_.points_every_s)) publishPoints(session, participant);
     if (due(status_at, options_.status_every_s)) publishStatus(session, participant);
     if (Clock::now() - words_at < kWordsEvery) continue;
@@ -216,23 +283,30 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
   publishStatus(session, participant);
 }
 
-void LiveRun::finish(const LiveSession& session) {
+/// Field, points and picture; what was counted goes into the report.
+void LiveRun::writeFiles(const LiveSession& session) {
   const MapOptions& map = options_.map;
   const fs::path out = map.out;
   const AccessibilityField& field = session.field();
   const auto points = field.points();
-  RunFacts facts{report_, SceneStatistics(), countPoints(report_, field.memoryUse(), *points), field.origin_W(),
-                 points->voxel_size_m()};
+  surface_W_ = countPoints(report_, field.memoryUse(), *points);
   writeField(field, out, writeOptions(map.exported));
   addOutputs(report_.outputs, out, fieldFilesOf(map.exported));
   io::renderField(out / "preview.png", *points, renderOptions(map.picture));
   addOutputs(report_.outputs, out, {"preview.png"});
+}
+
+void LiveRun::finish(const LiveSession& session) {
+  const MapOptions& map = options_.map;
+  const AccessibilityField& field = session.field();
+  writeFiles(session);
+  const RunFacts facts{report_, SceneStatistics(), surface_W_, field.origin_W(), field.params().tsdf.voxel_size_m};
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   messages_.notice(agreementInWords(session.agreement()));
   for (const std::string& line : toolsInWords(map, field.tools())) messages_.notice(line);
   for (const ReportedTool& tool : report_.tools)
     messages_.notice("tool " + tool.name + " reaches " + std::to_string(tool.accessible) + " points");
-  messages_.notice("wrote field.vdb, field_points.vdb, points.ply, preview.png and report.json into " + out.string());
+  messages_.notice("wrote field.vdb, field_points.vdb, points.ply, preview.png and report.json into " + map.out);
 }
 
 int LiveRun::run() {
@@ -240,6 +314,7 @@ int LiveRun::run() {
   FieldParams params = fieldParams(options_.map);
   setParameters(params);
   claimOutputFolder();
+  checkpoints_.prepare();
   watchStopSignals();
   const std::vector<ToolSpec> tools = loadTools(options_.map);
   params.approach.rolls = rollsOf(tools.front().tool, params.approach);
@@ -263,10 +338,11 @@ int LiveRun::run() {
   sayWhyNotOnGpu(session.field(), messages_);
   {
     const dds::ParticipantOptions domain = participantOptions(options_);
-    dds::Participant participant(domain, {[&](LiveScan scan) { session.addScan(std::move(scan)); },
-                                          [&](const LivePose& pose) { session.addPose(pose); },
-                                          [&](const LiveTransform& transform) { session.addTransform(transform); },
-                                          [&](const LiveImu& imu) { session.addImu(imu); }});
+    dds::Participant participant(
+        domain,
+        {[&](LiveScan scan) { session.addScan(std::move(scan)); }, [&](const LivePose& pose) { session.addPose(pose); },
+         [&](const LiveTransform& transform) { session.addTransform(transform); },
+         [&](const LiveImu& imu) { session.addImu(imu); }, [&](const std::string& text) { commands_.receive(text); }});
     messages_.notice("live on domain " + std::to_string(domain.domain) +
                      (domain.network ? ", all network interfaces" : ", this machine only (--network opens it)") +
                      ", waiting for " + options_.cloud + " and " + options_.odom +
@@ -277,8 +353,8 @@ int LiveRun::run() {
   messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
                    numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(report_.scans) + " of " +
                    std::to_string(report_.live->status.published) + " scans taken" +
-                   (report_.points_used > 0 ? "" : "; nothing to save"));
-  if (report_.points_used > 0) finish(session);
+                   (session.field().points()->size() > 0 ? "" : "; nothing to save"));
+  if (session.field().points()->size() > 0) finish(session);
   report_.exit_code = 128 + signal;
   writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
   return report_.exit_code;
