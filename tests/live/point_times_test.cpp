@@ -231,6 +231,49 @@ TEST(LiveTimes, OfAnotherUnitOrClockDropTheScan) {
   EXPECT_EQ(droppedFor(session, ScanDrop::Unusable), 2U);
 }
 
+/// Odometry that runs backwards, stops or jumps: counted, and each scan that it does not cover is as in `map`.
+TEST(LiveTimes, SurviveOdometryThatRunsBackwardsStopsOrJumps) {
+  const MovingStream stream;
+  const auto run = [&](const std::vector<LivePose>& poses) {
+    LiveSession session(test::armTool(), farParams());
+    for (const LivePose& pose : poses) session.addPose(pose);
+    for (std::size_t n = 0; n < 8; ++n) session.addScan(stream.scan(n));
+    session.endOfPoses();
+    stepAll(session);
+    expectAllAccountedFor(session.status());
+    return session;
+  };
+  std::vector<LivePose> steady;
+  for (std::int64_t ms = 0; ms <= 905; ms += 5) steady.push_back(stream.poseAt(ms));
+  const LiveSession good = run(steady);
+  EXPECT_EQ(good.status().by_times, 8U);
+
+  std::vector<LivePose> backwards = steady;
+  for (std::size_t n = 0; n + 1 < backwards.size(); n += 2) std::swap(backwards[n], backwards[n + 1]);
+  const LiveSession same = run(backwards);
+  EXPECT_GT(same.status().poses_backwards, 50U);
+  expectSameField(same.field(), good.field());
+
+  // Scans 2 to 4 have no pose at their stamp; the end of scan 1 has none, and it is used as it is.
+  std::vector<LivePose> gap = steady;
+  std::erase_if(gap, [&](const LivePose& pose) {
+    const std::int64_t ms = (pose.stamp_ns - MovingStream::stampOf(0)) / 1'000'000;
+    return ms > 150 && ms < 500;
+  });
+  const LiveSession stopped = run(gap);
+  EXPECT_EQ(stopped.status().by_times, 4U);
+  EXPECT_EQ(stopped.status().taken, 5U);
+  EXPECT_EQ(droppedFor(stopped, ScanDrop::NoPose), 3U);
+
+  // By 100 m within 5 ms, inside scan 3.
+  std::vector<LivePose> jump = steady;
+  for (LivePose& pose : jump)
+    if (pose.stamp_ns > MovingStream::stampOf(3) + 50'000'000) pose.p_W.y() += 100;
+  const LiveSession jumped = run(jump);
+  EXPECT_EQ(jumped.status().taken, 8U);
+  EXPECT_EQ(jumped.status().by_times, 7U);
+}
+
 /// A thin rod can touch a flat wall, until a panel before it is seen by a scan that there was no time for.
 TEST(LiveTimes, AScanThatThereWasNoTimeForBlocksWhereverItMoved) {
   const ToolGeometry rod = test::boxTool({0, -0.03f, -0.03f}, {0.9f, 0.03f, 0.03f});
