@@ -63,14 +63,13 @@ enum class ScanDrop : std::uint8_t {
 };
 inline constexpr int kNumScanDrops = 6;
 constexpr const char* name(ScanDrop reason) {
-  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order", "unusable", "failed",
-                                                   "paused"};
+  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order",
+                                                 "unusable",   "failed",  "paused"};
   return kNames[static_cast<int>(reason)];
 }
 
 struct LiveOptions {
-  std::size_t update_every = 1;  ///< scans that are fused before the next labels
-  std::size_t queue_scans = 4;   ///< if more wait, the oldest are only fused
+  std::size_t queue_scans = 4;  ///< if more wait, the oldest are only fused
   /// Of all scans that wait (one of less than 100 counts as 100, three with times as five), 192 MB: a further scan
   /// drops the oldest.
   std::size_t most_waiting_returns = 16000000;
@@ -89,6 +88,7 @@ struct LiveOptions {
   /// Bytes of map, mirror and points (MemoryUse) from which the map no longer grows (AccessibilityField::stopGrowing):
   /// returns for which it has no place are left out, counted, and block; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
+  std::size_t update_every = 1;  ///< scans that are fused before the next labels
 };
 
 /// The pose of the platform at one time.
@@ -212,8 +212,8 @@ struct LiveStatus {
   }
 };
 
-/// addPose(), addTransform(), addImu(), addScan(), pause(), endOfPoses(), waitForWork(), status() and takeDropped() may be
-/// called from any thread at any time; everything else from one thread at a time.
+/// addPose(), addTransform(), addImu(), addScan(), pause(), endOfPoses(), waitForWork(), status() and takeDropped() may
+/// be called from any thread at any time; everything else from one thread at a time.
 class ACCESSVDB_API LiveSession {
  public:
   /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "usage.update_every"; what AccessibilityField's

@@ -169,8 +169,7 @@ LiveSession::LiveSession(const ToolGeometry& tool, const FieldParams& params, co
 LiveSession::LiveSession(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
                          const TableProgress& progress)
     : impl_(std::make_unique<Impl>(AccessibilityField(std::move(tools), checked(params, options), progress), params,
-                                   options)) {
-}
+                                   options)) {}
 LiveSession::~LiveSession() = default;
 LiveSession::LiveSession(LiveSession&&) noexcept = default;
 LiveSession& LiveSession::operator=(LiveSession&&) noexcept = default;

@@ -3,6 +3,7 @@
 /// Commands to a live map over Cyclone DDS: each is answered with its id, in time, also under load; what is none is
 /// refused in words, and changes nothing.
 #include <map>
+#include <set>
 
 #include "live/dds_world.h"
 #include "runs/live_commands.h"
@@ -86,6 +87,9 @@ TEST_F(LiveCommandsDds, EachIsAnsweredInTimeUnderLoad) {
   EXPECT_EQ(report_["live"]["answers"].size(), 32U) << "memory is bounded";
   EXPECT_EQ(report_["live"]["resets"], 4);
   EXPECT_GT(report_["live"]["dropped"]["paused"], 0);
+  std::set<std::string> outputs;
+  for (const auto& output : report_["outputs"])
+    EXPECT_TRUE(outputs.insert(output["path"].get<std::string>()).second) << "listed twice: " << output;
   // What was saved and left is read back.
   EXPECT_TRUE(fs::exists(path("checkpoint/state.json")));
   const ProgramResult cut = runProgram({"whatif", path("checkpoint"), "--tool", "builtin:pruner", "--remove",

@@ -219,6 +219,17 @@ TEST(LiveTimes, OfAnotherUnitOrClockDropTheScan) {
     expectAllAccountedFor(with.status());
     expectSameField(with.field(), without.field());
   }
+  // The second of all: nobody knows yet which of the two is right, and it is not used as if it had no times.
+  LiveSession early(test::armTool(), farParams());
+  sendPoses(early, stream, 0, 905);
+  for (std::size_t n = 0; n < 4; ++n) {
+    LiveScan scan = stream.scan(n);
+    if (n == 1) scan.times = clock;
+    early.addScan(std::move(scan));
+  }
+  EXPECT_EQ(stepAll(early), 3U);
+  EXPECT_EQ(early.status().by_times, 3U);
+  EXPECT_EQ(droppedFor(early, ScanDrop::Unusable), 1U);
   // Nothing that is finite: it has no times, and is used as it is.
   EXPECT_EQ(run(&none, true).status().by_times, 7U);
   // Fewer times than points, and a unit that is none.
@@ -282,19 +293,18 @@ TEST(LiveTimes, AScanThatThereWasNoTimeForBlocksWhereverItMoved) {
     scan.stamp_ns = stampOf(n);
     for (int i = -30; i < 30; ++i)
       for (int k = -30; k < 30; ++k) {
-        // The sensor turns by 0.4 rad within a scan: what is ahead at its end is elsewhere at its stamp.
-        const float angle = panel ? -0.4F : 0.0F;
-        const Eigen::Vector3f p(panel ? 1.2F : 2.0F, 0.02F * static_cast<float>(i), 0.02F * static_cast<float>(k));
-        scan.points.push_back(Eigen::AngleAxisf(angle, Eigen::Vector3f::UnitZ()) * p);
+        // The sensor moves aside by 4.9 m within a scan: by its pose at the stamp, the panel would be far from the
+        // wall.
+        scan.points.emplace_back(panel ? 1.2F : 2.0F, 0.02F * static_cast<float>(i) - (panel ? 4.9F : 0.0F),
+                                 0.02F * static_cast<float>(k));
         scan.times.push_back(panel ? 0.1 : 0.0);
       }
-    scan.points.push_back({2, 0, 0});
+    scan.points.push_back({2, panel ? -4.9F : 0.0F, 0});
     scan.times.push_back(panel ? 0.0 : 0.09);
     return scan;
   };
-  const auto pose = [](std::size_t n, int ms, double angle) {
-    return LivePose{stampOf(n) + ms * 1'000'000, Eigen::Vector3d::Zero(),
-                    Eigen::Quaterniond(Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()))};
+  const auto pose = [](std::size_t n, int ms, double y_m) {
+    return LivePose{stampOf(n) + ms * 1'000'000, {0, y_m, 0}, Eigen::Quaterniond::Identity()};
   };
   for (const bool poses_first : {true, false}) {
     LiveOptions options;
@@ -308,14 +318,14 @@ TEST(LiveTimes, AScanThatThereWasNoTimeForBlocksWhereverItMoved) {
     }
     session.addPose(pose(10, 0, 0));
     ASSERT_GT(session.field().snapshot().count(PointLabel::Accessible), 100U);
-    const auto turn = [&] {
-      for (int ms = 1; ms <= 101; ms += 10) session.addPose(pose(10, ms, 0.004 * ms));
+    const auto move = [&] {
+      for (int ms = 1; ms <= 101; ms += 10) session.addPose(pose(10, ms, 0.049 * ms));
     };
-    if (poses_first) turn();
+    if (poses_first) move();
     session.addScan(wall(10, true));
     for (std::size_t n = 12; n < 15; ++n) session.addScan(wall(n, false));
     EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 1U);
-    if (!poses_first) turn();
+    if (!poses_first) move();
     while (session.step()) {
     }
     EXPECT_EQ(session.field().snapshot().count(PointLabel::Accessible), 0U);

@@ -137,6 +137,7 @@ TEST_F(LiveTransforms, GarbageIsCountedAndChangesNothing) {
     session_.addTransform({0, "lidar", "lidar", Vector3d(1, 2, 3), kUnturned, true});   // its own
     session_.addTransform({0, "lidar", "odom", Vector3d(1, 2, 3), kUnturned, true});    // a circle
     session_.addTransform({0, "nowhere", "body", Vector3d(1, 2, 3), kUnturned, true});  // the odometry says that
+    session_.addTransform({0, "odom", "body", Vector3d(9, 9, 9), kUnturned, true});
     session_.addTransform({stampOf(1), "odom", "body", Vector3d(9, 9, 9), kUnturned, false});
     session_.addTransform({0, "body", "lidar", Vector3d(kNone, 0, 0), kUnturned, true});
     session_.addTransform({0, "body", "lidar", Vector3d::Zero(), Eigen::Quaterniond(0, 0, 0, 0), true});
@@ -153,7 +154,7 @@ TEST_F(LiveTransforms, GarbageIsCountedAndChangesNothing) {
   }
   expectAsExpected();
   const LiveStatus status = session_.status();
-  EXPECT_EQ(status.transforms, 1 + 10 * scans_.size());
+  EXPECT_EQ(status.transforms, 1 + 11 * scans_.size());
   EXPECT_EQ(status.transforms_invalid, 4 * scans_.size());
   EXPECT_GE(status.transforms_other_parent, 2 * scans_.size());
 }

@@ -289,6 +289,7 @@ void LiveRun::writeFiles(const LiveSession& session) {
   const fs::path out = map.out;
   const AccessibilityField& field = session.field();
   const auto points = field.points();
+  report_.outputs = {};  // of an earlier save
   surface_W_ = countPoints(report_, field.memoryUse(), *points);
   writeField(field, out, writeOptions(map.exported));
   addOutputs(report_.outputs, out, fieldFilesOf(map.exported));
