@@ -31,6 +31,25 @@ inline constexpr std::array kWords<io::Compression> = {"auto", "blosc", "zip", "
 template <>
 inline constexpr std::array kWords<io::UpAxis> = {"z", "y"};
 
+std::vector<ToolSpec> toolsFrom(const py::object& tools) {
+  std::vector<ToolSpec> specs;
+  for (const py::handle each : tools) {
+    if (py::isinstance<ToolGeometry>(each)) {
+      specs.push_back({each.cast<ToolGeometry>(), {}, 0, {}, 0});
+    } else if (py::isinstance<ToolSpec>(each)) {
+      specs.push_back(each.cast<ToolSpec>());
+    } else {
+      throw py::type_error("tools holds something that is neither a ToolSpec nor a ToolGeometry");
+    }
+  }
+  return specs;
+}
+
+void requireOneOf(const py::object& tool, const py::object& tools) {
+  if (tool.is_none() == tools.is_none()) throw py::type_error("give either tool or tools");
+  if (!tool.is_none() && !py::isinstance<ToolGeometry>(tool)) throw py::type_error("tool is not a ToolGeometry");
+}
+
 namespace {
 
 void bindReports(py::module_& module) {
@@ -120,27 +139,6 @@ void bindTicket(py::module_& module) {
       .def("__repr__", [](const T& ticket) {
         return std::string("<accessvdb.UpdateTicket: ") + (ticket.done() ? "done>" : "running>");
       });
-}
-
-/// @param tool   ToolGeometry or None  @param tools  sequence of ToolSpec and ToolGeometry, or None
-std::vector<ToolSpec> toolsFrom(const py::object& tools) {
-  std::vector<ToolSpec> specs;
-  for (const py::handle each : tools) {
-    if (py::isinstance<ToolGeometry>(each)) {
-      specs.push_back({each.cast<ToolGeometry>(), {}, 0, {}, 0});
-    } else if (py::isinstance<ToolSpec>(each)) {
-      specs.push_back(each.cast<ToolSpec>());
-    } else {
-      throw py::type_error("tools holds something that is neither a ToolSpec nor a ToolGeometry");
-    }
-  }
-  return specs;
-}
-
-/// @throws TypeError unless exactly one of them is given
-void requireOneOf(const py::object& tool, const py::object& tools) {
-  if (tool.is_none() == tools.is_none()) throw py::type_error("give either tool or tools");
-  if (!tool.is_none() && !py::isinstance<ToolGeometry>(tool)) throw py::type_error("tool is not a ToolGeometry");
 }
 
 std::unique_ptr<LockedField> makeField(const py::object& tool, const py::object& params, const py::object& tools) {

@@ -13,6 +13,7 @@
 #include "io/clouds/point_times.h"
 #include "io/poses/pose_files.h"
 #include "io/recordings/recording_index.h"
+#include "io/scans/scan_motion.h"
 
 namespace accessvdb::io {
 
@@ -67,7 +68,7 @@ class RecordingSteps {
   };
   [[nodiscard]] AtRest forceAtRest(const RecordingIndex& index) const;
   void chooseTimes(const IndexedTopic& cloud);
-  [[nodiscard]] bool removeMotion(const IndexedCloud& indexed, const bags::CloudMessage& cloud, const Posed& posed,
+  [[nodiscard]] Placed placeCloud(const IndexedCloud& indexed, const bags::CloudMessage& cloud,
                                   ScanRecord& record) const;
   [[nodiscard]] Eigen::Isometry3d onSensor(const Eigen::Isometry3d& T_W_B) const;
   [[nodiscard]] std::optional<Posed> poseAt(std::uint32_t frame, std::int64_t stamp_ns) const;
