@@ -47,6 +47,7 @@ try:
         ProjectiveParams,
         Region,
         Removal,
+        RollingField,
         ScanRecord,
         ScanSequence,
         ScoringParams,

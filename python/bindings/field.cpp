@@ -31,6 +31,10 @@ inline constexpr std::array kWords<io::Compression> = {"auto", "blosc", "zip", "
 template <>
 inline constexpr std::array kWords<io::UpAxis> = {"z", "y"};
 
+double stampFrom(const py::object& stamp_s) {
+  return stamp_s.is_none() ? std::numeric_limits<double>::quiet_NaN() : numberFrom("stamp_s", stamp_s);
+}
+
 std::vector<ToolSpec> toolsFrom(const py::object& tools) {
   std::vector<ToolSpec> specs;
   for (const py::handle each : tools) {
@@ -166,11 +170,6 @@ std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const 
   const auto one = tool.cast<ToolGeometry>();
   return withoutLock(
       [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, one, kind, count)); });
-}
-
-/// None counts as missing, as every number that is not finite.
-double stampFrom(const py::object& stamp_s) {
-  return stamp_s.is_none() ? std::numeric_limits<double>::quiet_NaN() : numberFrom("stamp_s", stamp_s);
 }
 
 FrameStats integrateScan(LockedField& field, const py::object& points_S, const py::object& T_W_S,

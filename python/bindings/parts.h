@@ -22,6 +22,7 @@ void bindAccessMap(pybind11::module_& module);
 void bindRegions(pybind11::module_& module);
 void bindField(pybind11::module_& module);
 void bindLive(pybind11::module_& module);
+void bindRolling(pybind11::module_& module);
 void bindScans(pybind11::module_& module);
 void bindStoredField(pybind11::module_& module);
 void bindRender(pybind11::module_& module);
@@ -30,6 +31,8 @@ void bindRender(pybind11::module_& module);
 std::vector<ToolSpec> toolsFrom(const pybind11::object& tools);
 /// @throws TypeError unless exactly one of them is given
 void requireOneOf(const pybind11::object& tool, const pybind11::object& tools);
+/// None counts as missing, as every number that is not finite.
+double stampFrom(const pybind11::object& stamp_s);
 /// "imu", or roll and pitch in radians. @throws TypeError, ValueError
 io::Level levelFrom(const pybind11::object& level);
 
