@@ -61,7 +61,7 @@ std::unique_ptr<LockedRolling> makeRolling(const py::object& tools, const py::ob
 }
 
 FrameStats rollScan(LockedRolling& field, const py::object& points_S, const py::object& T_W_S,
-                         const py::object& stamp_s) {
+                    const py::object& stamp_s) {
   const ScanPoints points("points_S", points_S, true);
   const Eigen::Isometry3d pose = poseOf("T_W_S", T_W_S);
   const double stamp = stampFrom(stamp_s);
@@ -69,7 +69,7 @@ FrameStats rollScan(LockedRolling& field, const py::object& points_S, const py::
 }
 
 FrameStats rollRays(LockedRolling& field, const py::object& points_W, const py::object& origins_W,
-                         const py::object& stamp_s) {
+                    const py::object& stamp_s) {
   const Positions points("points_W", points_W), origins("origins_W", origins_W);
   const double stamp = stampFrom(stamp_s);
   return field.run([&](RollingField& f) { return f.integrateRays(points.view(), origins.view(), stamp); });

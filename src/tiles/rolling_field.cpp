@@ -136,7 +136,7 @@ void add(const UpdateStats& of_tile, UpdateStats& stats) {
 
 }  // namespace
 
-struct RollingField::Impl {
+struct ACCESSVDB_PRIVATE RollingField::Impl {
   /// @param resumed  whether the folder is that of an earlier field
   Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
        const TableProgress& progress, bool resumed)
