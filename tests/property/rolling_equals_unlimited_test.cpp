@@ -533,6 +533,7 @@ std::vector<Case> cases() {
                    .tools = 1 + static_cast<int>(random() % 2),
                    .ray_cloud = random() % 3 == 0,
                    .memory_share = uniform(random, 0.65, 0.8)});
+    if (all.back().update_every == 0) all.back().memory_share = 0.5;  // of tiles that were never scored
   }
   return all;
 }
