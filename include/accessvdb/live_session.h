@@ -22,7 +22,8 @@
 /// `accessvdb map --update-every 1`. Clocks only measure; nothing is decided by them.
 ///
 /// What is left out blocks: a return for which there was no memory or no time never makes a point accessible
-/// (AccessibilityField::stopGrowing(), leaveOut()). Only returns without a pose are merely counted.
+/// (AccessibilityField::stopGrowing(), leaveOut()). Only returns without a pose are merely counted. Where more scans
+/// were lost before their poses came than can be remembered, nothing is accessible any more (LiveStatus::all_closed).
 #pragma once
 
 #include <Eigen/Core>
@@ -199,6 +200,9 @@ struct LiveStatus {
   std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
   std::uint64_t memory_limit_bytes = 0;
   bool memory_full = false;  ///< no new space is taken any more
+  /// So many scans were lost before their poses came that what they saw may be anywhere: nothing is accessible any
+  /// more.
+  bool all_closed = false;
   bool paused = false;
   std::uint64_t resets = 0;
 

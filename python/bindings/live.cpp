@@ -191,6 +191,7 @@ py::dict status(Session& session) {
   all["memory_bytes"] = now.memory_bytes;
   all["memory_limit_bytes"] = now.memory_limit_bytes;
   all["memory_full"] = now.memory_full;
+  all["all_closed"] = now.all_closed;
   all["paused"] = now.paused;
   all["resets"] = now.resets;
   all["latency_p50_ms"] = now.latency_p50_ms;

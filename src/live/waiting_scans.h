@@ -97,7 +97,10 @@ class WaitingScans {
     LostReturns returns;  ///< in the frame of the sensor, or of the poses
   };
   void place(const Unplaced& scan, const SensorMotion& motion);
+  /// Until its pose comes.
+  void remember(Unplaced scan);
   std::deque<Unplaced> unplaced_;
+  bool all_lost_ = false;  ///< there were too many of them
   int late_in_a_row_ = 0;
   bool paused_ = false;
   std::deque<DroppedScan> dropped_;

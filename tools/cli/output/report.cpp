@@ -62,6 +62,7 @@ Json jsonLive(const LiveReport& live) {
       {"waiting", status.waiting},
       {"dropped", dropped},
       {"paused", status.paused},
+      {"all_closed", status.all_closed},
       {"resets", status.resets},
       {"commands",
        {{"received", live.commands.received}, {"done", live.commands.done}, {"refused", live.commands.refused}}},

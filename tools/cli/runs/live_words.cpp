@@ -17,6 +17,7 @@ constexpr int kMostChangesSaid = 5;
 
 void LiveWords::tell(const LiveStatus& status) {
   warnOfNoneTaken(status);
+  warnOfAllClosed(status);
   sayFrames(status);
   if (!status.motion.empty() && status.motion != std::exchange(said_motion_, status.motion) &&
       changes_said_++ < kMostChangesSaid)
@@ -27,6 +28,14 @@ void LiveWords::tell(const LiveStatus& status) {
                                               ", the limit: the map no longer grows, and what it has no place for "
                                               "blocks; what it has is still updated");
   }
+}
+
+void LiveWords::warnOfAllClosed(const LiveStatus& status) {
+  if (!status.all_closed || std::exchange(said_closed_, true)) return;
+  messages_.warning("live.all_closed",
+                    "more scans were lost before their poses came than can be remembered: nothing is accessible any "
+                    "more, since what they saw may be anywhere. Once " +
+                        options_.odom + " keeps up, send the command reset or start this run again");
 }
 
 /// Clocks that jump, or differ: scans go on to come, and not one of them is taken. Many at once is not that: they have
