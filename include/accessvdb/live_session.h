@@ -116,8 +116,9 @@ struct LiveTransform {
 /// What an IMU measured.
 struct LiveImu {
   std::int64_t stamp_ns = 0;
-  Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< specific force: up, at rest; any unit
-  std::string frame = {};  ///< of the first one; where no transform connects it, that of what is posed
+  Eigen::Vector3d force =
+      Eigen::Vector3d::Zero();  ///< specific force: up, at rest; m/s2 or g. 1000 and more is not used
+  std::string frame = {};       ///< of the first one; where no transform connects it, that of what is posed
 };
 
 /// One scan. Its returns are in `points`, or in `points_double` if the sender has doubles.

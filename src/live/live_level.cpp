@@ -8,6 +8,8 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::int64_t kRest_ns = 1'000'000'000;
+/// No IMU of a robot measures more, in m/s2.
+constexpr double kMostForce = 1000;
 
 }  // namespace
 
@@ -16,7 +18,7 @@ LiveLevel::LiveLevel(const std::optional<io::Level>& wanted) : waits_(wanted && 
 }
 
 void LiveLevel::add(const LiveImu& imu) {
-  if (!waits_ || !imu.force.allFinite()) return;
+  if (!waits_ || !(imu.force.norm() < kMostForce)) return;
   if (samples_.empty()) frame_ = imu.frame;
   if (samples_.size() == io::kMostImuSamples) samples_.pop_front();
   samples_.push_back({imu.stamp_ns, imu.force, Eigen::Vector3d::Zero()});

@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "accessvdb/error.h"
 #include "accessvdb/tool_spec.h"
+#include "io/poses/levelling.h"
 #include "live/live_stream.h"
 
 namespace accessvdb::live_test {
@@ -192,7 +194,8 @@ class LiveLevelling : public ::testing::Test {
       EXPECT_LT((got.points[n].position_W - wanted.points[n].position_W).norm(), 1e-5);
   }
   /// At 200 Hz from a second before the first scan on, when the platform stands where the first scan is.
-  void sendRest(LiveSession& session, const Eigen::Vector3d& shake = Eigen::Vector3d::Zero()) const {
+  void sendRest(LiveSession& session, const Eigen::Vector3d& shake = Eigen::Vector3d::Zero(),
+                const std::string& frame = "imu") const {
     for (int i = 0; i <= 210; ++i) {
       const std::int64_t stamp_ns = stampOf(0) - 1'050'000'000 + i * 5'000'000;
       LivePose pose = tilted(0);
@@ -200,7 +203,7 @@ class LiveLevelling : public ::testing::Test {
       if (i < 210) session.addPose(pose);
       LiveImu imu;
       imu.stamp_ns = stamp_ns;
-      imu.frame = "imu";
+      imu.frame = frame;
       imu.force = pose.q_W_B.inverse() * (R_L_W_.transpose() * Eigen::Vector3d(0, 0, 9.81));
       if (i % 2 == 0) imu.force += shake;
       session.addImu(imu);
@@ -243,6 +246,31 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
   // By the smallest turn, which may leave a yaw: up is up.
   const Eigen::Vector3d up_W = R_L_W_.transpose() * Eigen::Vector3d::UnitZ();
   EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
+}
+
+/// Squares of such numbers are infinite, and so would be what they are compared with.
+TEST_F(LiveLevelling, WhatNoImuMeasuresIsNotUsed) {
+  LiveOptions options;
+  options.level = io::Level{.from_imu = true};
+  LiveSession session(test::armTool(), coarseParams(), options);
+  for (int i = 0; i <= 210; ++i) {
+    for (const double force : {1e200, 1e308, 1500.0, -std::numeric_limits<double>::infinity()}) {
+      LiveImu imu;
+      imu.stamp_ns = stampOf(0) - 1'050'000'000 + i * 5'000'000;
+      imu.force = Eigen::Vector3d(force, 0, force);
+      session.addImu(imu);
+    }
+  }
+  sendRest(session);
+  session.addPose(tilted(0));
+  session.addScan(scanOf(scans_[0], 0));
+  EXPECT_EQ(stepAll(session), 1U);
+  ASSERT_TRUE(session.levelling());
+  const Eigen::Vector3d up_W = R_L_W_.transpose() * Eigen::Vector3d::UnitZ();
+  EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
+  // Of recordings: what is not finite is not at rest.
+  EXPECT_FALSE(io::upByForce(std::vector<Eigen::Vector3d>(30, {1e200, 0, 1e200})));
+  EXPECT_FALSE(io::upByForce(std::vector<Eigen::Vector3d>(30, {1e308, 0, 1e308})));
 }
 
 TEST_F(LiveLevelling, AnImuThatIsNotAtRestOrThatIsNotThereIsSaid) {
