@@ -118,7 +118,8 @@ struct LiveImu {
   std::int64_t stamp_ns = 0;
   Eigen::Vector3d force =
       Eigen::Vector3d::Zero();  ///< specific force: up, at rest; m/s2 or g. 1000 and more is not used
-  std::string frame = {};       ///< of the first one; where no transform connects it, that of what is posed
+  std::string frame =
+      {};  ///< of the first one. Transforms that connect it are waited for, for 10 s by the poses' times
 };
 
 /// One scan. Its returns are in `points`, or in `points_double` if the sender has doubles.
@@ -188,7 +189,9 @@ struct LiveStatus {
   std::string world_frame = {};        ///< of the first pose
   std::string sensor_chain = {};       ///< by which transforms the last scan was placed: "odom -> body -> lidar"
   std::string unconnected_frame = {};  ///< of the last scan that was dropped since no transform connects its frame
-  double extrinsic_m = 0;              ///< how far the sensor of the last scan is from what is posed
+  /// Frame of the IMU, if LiveOptions::level was found as if that were what is posed, since no transform connects it.
+  std::string unconnected_imu = {};
+  double extrinsic_m = 0;  ///< how far the sensor of the last scan is from what is posed
 
   std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
   std::uint64_t late = 0;                        ///< of taken: only fused, since too many waited

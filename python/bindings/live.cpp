@@ -179,6 +179,7 @@ py::dict status(Session& session) {
   all["world_frame"] = now.world_frame;
   all["sensor_chain"] = now.sensor_chain;
   all["unconnected_frame"] = now.unconnected_frame;
+  all["unconnected_imu"] = now.unconnected_imu;
   all["extrinsic_m"] = now.extrinsic_m;
   all["points_in"] = now.points_in;
   all["points_used"] = now.points_used;

@@ -248,6 +248,50 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
   EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
 }
 
+/// A transform that comes late is waited for; without one, after ten seconds, it is said that there is none.
+TEST_F(LiveLevelling, AnImuThatNothingConnectsYetIsNotTakenForWhatIsPosed) {
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitX()));
+  for (const bool comes : {true, false}) {
+    LiveOptions options;
+    options.level = io::Level{.from_imu = true};
+    LiveSession session(test::armTool(), coarseParams(), options);
+    const auto pose = [&](std::int64_t ms) {
+      LivePose one = tilted(0);
+      one.stamp_ns = stampOf(0) + ms * 1'000'000;
+      one.child = "body";
+      session.addPose(one);
+      return one.q_W_B;
+    };
+    for (std::int64_t ms = -1500; ms <= 3000; ms += 10) {
+      LiveImu imu;
+      imu.stamp_ns = stampOf(0) + ms * 1'000'000;
+      imu.frame = "/imu";
+      const Eigen::Quaterniond q_W_B = pose(ms);
+      imu.force = (comes ? turn.inverse() : Eigen::Quaterniond::Identity()) * q_W_B.inverse() *
+                  (R_L_W_.transpose() * Eigen::Vector3d(0, 0, 9.81));
+      session.addImu(imu);
+    }
+    session.addScan(scanOf(scans_[0], 0));
+    EXPECT_FALSE(session.waitForWork(std::chrono::milliseconds(0)));
+    EXPECT_FALSE(session.step());
+    EXPECT_FALSE(session.levelling());
+    EXPECT_EQ(session.status().unconnected_imu, "");
+    if (comes) {
+      session.addTransform({0, "body", "imu", {0, 0, 0}, turn, true});
+    } else {
+      pose(8400);
+      EXPECT_FALSE(session.step());
+      pose(8600);
+    }
+    EXPECT_TRUE(session.waitForWork(std::chrono::milliseconds(0)));
+    EXPECT_TRUE(session.step());
+    ASSERT_TRUE(session.levelling());
+    const Eigen::Vector3d up_W = R_L_W_.transpose() * Eigen::Vector3d::UnitZ();
+    EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
+    EXPECT_EQ(session.status().unconnected_imu, comes ? "" : "imu");
+  }
+}
+
 /// Squares of such numbers are infinite, and so would be what they are compared with.
 TEST_F(LiveLevelling, WhatNoImuMeasuresIsNotUsed) {
   LiveOptions options;

@@ -79,6 +79,13 @@ void LiveWords::sayFrames(const LiveStatus& status) {
                                          " are dropped: no transform connects it to what " + options_.odom +
                                          " poses. Publish it on /tf_static, or give --extrinsic");
   }
+  if (!status.unconnected_imu.empty() && !std::exchange(said_imu_, true)) {
+    messages_.warning("live.imu_frame", "no transform connects the frame " +
+                                            printable(status.unconnected_imu.substr(0, 100)) + " of " + options_.imu +
+                                            " to what " + options_.odom +
+                                            " poses: it is taken to lie as that, and the map is turned by what it "
+                                            "feels. Publish it on /tf_static, or give --level ROLL,PITCH");
+  }
   constexpr double kFar_m = 5;  // as for recordings
   if (status.extrinsic_m > kFar_m && !std::exchange(said_far_, true)) {
     messages_.warning("poses.extrinsic", "the sensor is " + numberText(std::round(10 * status.extrinsic_m) / 10) +

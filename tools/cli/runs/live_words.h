@@ -29,7 +29,7 @@ class LiveWords {
 
   const LiveRunOptions& options_;
   Messages& messages_;
-  bool said_full_ = false, said_closed_ = false, said_far_ = false, said_unconnected_ = false;
+  bool said_full_ = false, said_closed_ = false, said_imu_ = false, said_far_ = false, said_unconnected_ = false;
   std::string said_motion_, said_chain_;
   int changes_said_ = 0;
   // To see when no scan is taken any more: what was dropped when the last one was, and when looked at last.
