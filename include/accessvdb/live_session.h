@@ -60,12 +60,13 @@ enum class ScanDrop : std::uint8_t {
   OutOfOrder,  ///< not later than the scan before it, or waiting and over 10 s later than one that came after it
   Unusable,    ///< no time, more returns than LiveOptions::most_returns, or times of points that cannot be its own
   Failed,      ///< the step that took it threw
-  Paused       ///< it came after pause()
+  Paused,      ///< it came after pause()
+  Reset        ///< it waited at reset()
 };
-inline constexpr int kNumScanDrops = 6;
+inline constexpr int kNumScanDrops = 7;
 constexpr const char* name(ScanDrop reason) {
-  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order",
-                                                 "unusable",   "failed",  "paused"};
+  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order", "unusable",
+                                                 "failed",     "paused",  "reset"};
   return kNames[static_cast<int>(reason)];
 }
 
@@ -257,8 +258,8 @@ class ACCESSVDB_API LiveSession {
 
   /// From now on scans that come are dropped as paused, or taken again. Those that wait keep their turn.
   void pause(bool paused);
-  /// The map is forgotten, and points are counted from 0 again. Poses, transforms and scans that wait are kept; scans
-  /// may have earlier times than before.
+  /// The map is forgotten, and points are counted from 0 again. Poses and transforms are kept, scans that wait are
+  /// dropped; scans may have earlier times than before.
   void reset();
   /// As AccessibilityField::removeRegion() and update().
   [[nodiscard]] LiveRemoval removeRegion(const Region& region, RemovedAs as = RemovedAs::Unknown);

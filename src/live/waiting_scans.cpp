@@ -61,8 +61,11 @@ void WaitingScans::add(LiveScan scan) {
 }
 
 void WaitingScans::forgetTaken() {
+  for (const WaitingScan& waiting : queue_) drop(waiting, ScanDrop::Reset);
+  queue_.clear();
+  waiting_returns_ = 0;
   taken_stamp_ns_.reset();
-  last_stamp_ns_ = queue_.empty() ? std::nullopt : std::optional(queue_.back().scan.stamp_ns);
+  last_stamp_ns_.reset();
   lost_ = LostReturns(cube_m_);
   unplaced_.clear();
   all_lost_ = false;

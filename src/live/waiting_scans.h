@@ -47,7 +47,7 @@ class WaitingScans {
 
   void add(LiveScan scan);
   void pause(bool paused) { paused_ = paused; }
-  /// What scans before saw is forgotten, and scans may come that are earlier.
+  /// What scans before saw is forgotten, those that wait are dropped, and scans may come that are earlier.
   void forgetTaken();
   /// Whether the first one has its turn, or never will.
   [[nodiscard]] bool hasWork() const { return !queue_.empty() && (poses_.levelIsDue() || isSettled(queue_.front())); }
