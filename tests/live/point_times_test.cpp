@@ -205,14 +205,15 @@ TEST(LiveTimes, OfAnotherUnitOrClockDropTheScan) {
   };
   const LiveSession without = run(nullptr, false);
   EXPECT_EQ(without.status().by_times, 7U);
-  std::vector<double> seconds, clock, uptime, none(kCount, std::numeric_limits<double>::infinity());
+  std::vector<double> seconds, clock, uptime, endless(kCount, std::numeric_limits<double>::infinity()),
+      none(kCount, std::numeric_limits<double>::quiet_NaN());
   for (std::size_t i = 0; i < kCount; ++i) {
     const double t_s = stream.scanner.timeOf(i, kCount);
     seconds.push_back(t_s * 1e12);         // a thousand times as long
     clock.push_back(1.7e18 + 1e9 * t_s);   // a date
     uptime.push_back(3600e9 + 1e9 * t_s);  // since an hour
   }
-  for (const std::vector<double>& wrong : {seconds, clock, uptime}) {
+  for (const std::vector<double>& wrong : {seconds, clock, uptime, endless, none}) {
     const LiveSession with = run(&wrong, true);
     EXPECT_EQ(droppedFor(with, ScanDrop::Unusable), 1U);
     EXPECT_EQ(with.status().taken, 7U);
@@ -230,8 +231,6 @@ TEST(LiveTimes, OfAnotherUnitOrClockDropTheScan) {
   EXPECT_EQ(stepAll(early), 3U);
   EXPECT_EQ(early.status().by_times, 3U);
   EXPECT_EQ(droppedFor(early, ScanDrop::Unusable), 1U);
-  // Nothing that is finite: it has no times, and is used as it is.
-  EXPECT_EQ(run(&none, true).status().by_times, 7U);
   // Fewer times than points, and a unit that is none.
   LiveSession session(test::armTool(), farParams());
   LiveScan few = stream.scan(0), odd = stream.scan(1);
