@@ -135,7 +135,10 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     const double stamp_s = io::seconds(ready.waiting.scan.stamp_ns);
     leaveOut(ready.lost, ready.motion.T_W_S.translation());
     const auto record = posed(ready, step);
-    if (!record) return false;
+    if (!record) {
+      if (!ready.lost.empty()) static_cast<void>(field.update());  // it may be the last one
+      return false;
+    }
     if (!step.late) agreement.add(*record, ready.motion.T_W_B);
     step.fused = record->origins_W.empty() ? field.integrateScan(record->points_S, record->T_W_S, stamp_s)
                                            : field.integrateRays(record->points_W, record->origins_W, stamp_s);
