@@ -122,6 +122,26 @@ TEST_F(LiveCommandsDds, WhatIsNoneIsRefusedAndChangesNothing) {
   expectLabelsOfMap();
 }
 
+/// Refused before the domain is joined.
+TEST_F(LiveCommandsDds, AFileOfOthersInThePlaceOfAnyOutputIsKept) {
+  fs::create_directories(path("out"));
+  for (const char* file : {"points.las", "points.ply"}) {
+    writeText(std::string("out/") + file, "not ours");
+    for (const bool no_clobber : {true, false}) {
+      std::vector<std::string> arguments = {
+          "live", "--cloud", "/cloud",   "--odom", "/odom", "--domain", own_domain_.number(), "--points-format",
+          "las",  "--out",   path("out")};
+      for (const std::string& flag : fieldFlags()) arguments.push_back(flag);
+      if (no_clobber) arguments.emplace_back("--no-clobber");
+      const ProgramResult result = runProgram(arguments);
+      EXPECT_EQ(result.exit_code, 7) << result.err;
+      EXPECT_NE(result.err.find(no_clobber ? "output.exists" : "output.foreign"), std::string::npos) << result.err;
+      EXPECT_EQ(readText(std::string("out/") + file), "not ours");
+    }
+    fs::remove(path("out/" + std::string(file)));
+  }
+}
+
 TEST(LiveCommands, AreBoundedAndReadStrictly) {
   tools::LiveCommands commands;
   for (int n = 0; n < 150; ++n) commands.receive(R"({"id":"a)" + std::to_string(n) + R"(","command":"pause"})");

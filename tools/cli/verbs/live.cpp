@@ -91,15 +91,17 @@ class LiveRun {
 
 void LiveRun::claimOutputFolder() {
   const fs::path out = options_.map.out;
+  std::vector<std::string> files(std::begin(kOutputs), std::end(kOutputs));
+  if (options_.map.exported.points_format == "las") files.emplace_back("points.las");
   if (options_.map.no_clobber) {
-    for (const char* file : kOutputs) {
+    for (const std::string& file : files) {
       if (!io::isTaken(out / file, ErrorCode::Output)) continue;
       refused_ = true;
       throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
                         "Choose another --out folder");
     }
   }
-  const Paths outputs = inFolder(out, {std::begin(kOutputs), std::end(kOutputs)});
+  const Paths outputs = inFolder(out, files);
   requireNoInputs(joined(outputs, {options_.scan_log}), namedInputs(options_.map));
   requireOwn(outputs);
   io::prepareOutputFolder(out);
