@@ -142,11 +142,30 @@ TEST_F(LiveCommandsDds, AFileOfOthersInThePlaceOfAnyOutputIsKept) {
   }
 }
 
+/// A sender that is faster than the map does not get all of its turns.
+TEST(LiveCommands, ThatGoOnArrivingWaitForTheNextTurn) {
+  tools::LiveCommands commands;
+  const auto receive = [&] { commands.receive(R"({"command":"pause"})"); };
+  receive();
+  commands.beginTurn();
+  std::size_t carried_out = 0;
+  for (; carried_out < 1000 && commands.next(); ++carried_out) receive();
+  EXPECT_EQ(carried_out, 1U);
+  for (int n = 0; n < 50; ++n) receive();
+  commands.beginTurn();
+  for (carried_out = 0; carried_out < 1000 && commands.next(); ++carried_out) receive();
+  EXPECT_EQ(carried_out, tools::LiveCommands::kMostOfTurn);
+}
+
 TEST(LiveCommands, AreBoundedAndReadStrictly) {
   tools::LiveCommands commands;
   for (int n = 0; n < 150; ++n) commands.receive(R"({"id":"a)" + std::to_string(n) + R"(","command":"pause"})");
+  EXPECT_FALSE(commands.next()) << "no turn has begun";
   int waiting = 0;
-  while (const auto command = commands.next()) EXPECT_EQ(command->id, "\"a" + std::to_string(waiting++) + "\"");
+  for (int turn = 0; turn < 20; ++turn) {
+    commands.beginTurn();
+    while (const auto command = commands.next()) EXPECT_EQ(command->id, "\"a" + std::to_string(waiting++) + "\"");
+  }
   EXPECT_EQ(waiting, 100);
   EXPECT_EQ(commands.report().refused, 50U);
   EXPECT_TRUE(commands.takeNews());
@@ -156,11 +175,13 @@ TEST(LiveCommands, AreBoundedAndReadStrictly) {
         R"({"command":"remove","box":[0,0,0,1,1,1],"as":"gone"})", R"({"command":"remove","box":[0,0,0,1,1,null]})"}) {
     const auto refused = commands.report().refused;
     commands.receive(bad);
+    commands.beginTurn();
     EXPECT_FALSE(commands.next()) << bad;
     EXPECT_EQ(commands.report().refused, refused + 1) << bad;
     EXPECT_FALSE(commands.report().answers.back().done);
   }
   commands.receive(R"({"id":1.5,"command":"remove","box":[0,1,2,3,4,5],"as":"free"})");
+  commands.beginTurn();
   const auto command = commands.next();
   ASSERT_TRUE(command);
   EXPECT_EQ(command->id, "1.5");

@@ -80,9 +80,15 @@ void LiveCommands::receive(const std::string& text) {
   }
 }
 
+void LiveCommands::beginTurn() {
+  const std::scoped_lock locked(lock_);
+  of_turn_ = std::min(waiting_.size(), kMostOfTurn);
+}
+
 std::optional<LiveCommand> LiveCommands::next() {
   const std::scoped_lock locked(lock_);
-  if (waiting_.empty()) return std::nullopt;
+  if (of_turn_ == 0) return std::nullopt;
+  --of_turn_;
   LiveCommand command = std::move(waiting_.front());
   waiting_.pop_front();
   return command;

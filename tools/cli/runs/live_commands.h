@@ -31,7 +31,10 @@ class LiveCommands {
  public:
   /// From threads of the middleware. What is no command is answered in words.
   void receive(const std::string& text);
-  /// The oldest that has no answer yet.
+  /// From now on next() gives those that wait now, and no more than a few: scans have their turn, too.
+  void beginTurn();
+  static constexpr std::size_t kMostOfTurn = 8;
+  /// The oldest that has no answer yet, as long as the turn goes on.
   [[nodiscard]] std::optional<LiveCommand> next();
   /// @param words  what was done, or why not
   void answer(const LiveCommand& command, bool done, const std::string& words);
@@ -44,6 +47,7 @@ class LiveCommands {
 
   mutable std::mutex lock_;
   std::deque<LiveCommand> waiting_;
+  std::size_t of_turn_ = 0;
   LiveCommandReport report_;
   bool news_ = false;
 };

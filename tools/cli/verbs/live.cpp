@@ -43,6 +43,8 @@ constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply
 constexpr std::size_t kTimedScans = 10000;
 /// More points are not sent as one message: 60 MB.
 constexpr std::size_t kMostSentPoints = 1500000;
+/// No further command is begun then before the next scan.
+constexpr double kMostOfTurn_s = 0.05;
 constexpr auto kWordsEvery = std::chrono::seconds(5);
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
@@ -195,9 +197,13 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
   words_.tell(report_.live->status);
 }
 
-/// One after the other, each answered at once.
+/// One after the other, each answered at once. Whoever sends ever more of them keeps neither scans nor the end waiting.
 void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
-  while (const auto command = commands_.next()) {
+  const Clock::time_point began = Clock::now();
+  commands_.beginTurn();
+  while (stopSignal() == 0 && secondsSince(began) < kMostOfTurn_s) {
+    const auto command = commands_.next();
+    if (!command) break;
     try {
       commands_.answer(*command, true, carryOut(*command, session, participant));
     } catch (const Error& error) {
