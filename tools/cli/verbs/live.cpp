@@ -231,6 +231,8 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out;
     case LiveCommandKind::Checkpoint: {
       if (options_.map.checkpoint.empty()) refuse("cannot be done: the program was started without --checkpoint");
+      if (report_.scans == 0) refuse("cannot be done: there is no scan in the map");
+      checkpoints_.noteChange();  // what was lost may have closed something since, without a scan
       RunProgress progress;
       progress.next_step = progress.steps = report_.scans;
       progress.points_in = report_.points_in;
