@@ -209,8 +209,16 @@ TEST(LiveCommands, AreBoundedAndReadStrictly) {
   }
   EXPECT_EQ(waiting, 100);
   EXPECT_EQ(commands.report().refused, 50U);
-  EXPECT_TRUE(commands.takeNews());
-  EXPECT_FALSE(commands.takeNews());
+  EXPECT_TRUE(commands.hasNews());
+  std::set<std::string> published;
+  for (const tools::LiveCommandReport& page : commands.takePages()) {
+    EXPECT_LE(page.answers.size(), 32U);
+    for (const tools::LiveAnswer& answer : page.answers) published.insert(answer.id);
+  }
+  EXPECT_EQ(published.size(), 50U) << "each was in one";
+  EXPECT_FALSE(commands.hasNews());
+  ASSERT_EQ(commands.takePages().size(), 1U);
+  EXPECT_EQ(commands.takePages()[0].answers.back().id, "\"a149\"") << "whoever comes later sees the latest";
   for (const char* bad :
        {"", "{", "null", R"({"command":"Save"})", R"({"command":"remove"})", R"({"command":"remove","box":[1,2,3]})",
         R"({"command":"remove","box":[0,0,0,1,1,1],"as":"gone"})", R"({"command":"remove","box":[0,0,0,1,1,null]})"}) {
@@ -235,6 +243,21 @@ TEST(LiveCommands, AreBoundedAndReadStrictly) {
   EXPECT_EQ(commands.report().answers.back().command.find('\a'), std::string::npos);
   commands.receive(std::string(100'000, '['));
   EXPECT_LE(commands.report().answers.size(), 32U);
+  // What is not published is kept, to a limit; beyond, it is said how many had no answer.
+  static_cast<void>(commands.takePages());
+  for (int n = 0; n < 1000; ++n)
+    commands.receive(R"({"id":)" + std::to_string(n) + R"(,"command":")" + std::string(500, '\\') + "\"}");
+  published.clear();
+  const std::vector<tools::LiveCommandReport> pages = commands.takePages();
+  for (const tools::LiveCommandReport& page : pages) {
+    for (const tools::LiveAnswer& answer : page.answers) published.insert(answer.id);
+    tools::LiveReport report;
+    report.commands = page;
+    EXPECT_LT(tools::liveJson(report).size(), std::size_t{60} << 10);
+  }
+  for (int n = 0; n < 200; ++n) EXPECT_TRUE(published.contains(std::to_string(n))) << n;
+  EXPECT_EQ(pages.back().unanswered, 800U);
+  EXPECT_LE(pages.size(), 7U);
 }
 
 }  // namespace

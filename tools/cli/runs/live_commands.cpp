@@ -17,6 +17,8 @@ using Json = nlohmann::json;
 
 constexpr std::array<const char*, 6> kNames = {"save", "checkpoint", "reset", "remove", "pause", "resume"};
 constexpr std::size_t kMostWaiting = 100, kMostWords = 300;
+/// While so many answers have not been published, what comes is only counted.
+constexpr std::size_t kMostUnpublished = 200;
 
 const char* nameOf(LiveCommandKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
 
@@ -71,6 +73,10 @@ void LiveCommands::receive(const std::string& text) {
   }
   const std::scoped_lock locked(lock_);
   ++report_.received;
+  if (unpublished_ >= kMostUnpublished) {
+    ++report_.unanswered;
+    return;
+  }
   if (refused.words.empty() && waiting_.size() == kMostWaiting)
     refused.words = "comes while " + std::to_string(kMostWaiting) + " others wait";
   if (refused.words.empty()) {
@@ -100,22 +106,46 @@ void LiveCommands::answer(const LiveCommand& command, bool done, const std::stri
 }
 
 void LiveCommands::add(LiveAnswer answer) {
-  constexpr std::size_t kKept = 32;
   answer.words = printable(answer.words.substr(0, kMostWords));
   ++(answer.done ? report_.done : report_.refused);
-  if (report_.answers.size() == kKept) report_.answers.erase(report_.answers.begin());
-  report_.answers.push_back(std::move(answer));
-  news_ = true;
+  answers_.push_back(std::move(answer));
+  ++unpublished_;
+  forgetOld();
+}
+
+void LiveCommands::forgetOld() {
+  while (answers_.size() > std::max(kOfPage, unpublished_)) answers_.pop_front();
+}
+
+/// With the last answers before that one.
+LiveCommandReport LiveCommands::page(std::size_t end) const {
+  LiveCommandReport page = report_;
+  const std::size_t begin = end - std::min(end, kOfPage);
+  for (std::size_t n = begin; n < end; ++n) page.answers.push_back(answers_[n]);
+  return page;
 }
 
 LiveCommandReport LiveCommands::report() const {
   const std::scoped_lock locked(lock_);
-  return report_;
+  return page(answers_.size());
 }
 
-bool LiveCommands::takeNews() {
+std::vector<LiveCommandReport> LiveCommands::takePages() {
   const std::scoped_lock locked(lock_);
-  return std::exchange(news_, false);
+  std::vector<LiveCommandReport> pages;
+  std::size_t said = answers_.size() - unpublished_;
+  do {
+    said = std::min(said + kOfPage, answers_.size());
+    pages.push_back(page(said));
+  } while (said < answers_.size());
+  unpublished_ = 0;
+  forgetOld();
+  return pages;
+}
+
+bool LiveCommands::hasNews() const {
+  const std::scoped_lock locked(lock_);
+  return unpublished_ > 0;
 }
 
 }  // namespace accessvdb::tools

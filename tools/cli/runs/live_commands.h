@@ -38,18 +38,25 @@ class LiveCommands {
   [[nodiscard]] std::optional<LiveCommand> next();
   /// @param words  what was done, or why not
   void answer(const LiveCommand& command, bool done, const std::string& words);
-  /// Of all so far, with the latest answers; and whether there are answers that were not asked for before.
+  /// Of all so far, with the latest kOfPage answers.
   [[nodiscard]] LiveCommandReport report() const;
-  [[nodiscard]] bool takeNews();
+  /// The same to be published, as often as it takes until each answer that was not was in one.
+  [[nodiscard]] std::vector<LiveCommandReport> takePages();
+  /// Whether there are answers that were not in one.
+  [[nodiscard]] bool hasNews() const;
+  static constexpr std::size_t kOfPage = 32;
 
  private:
   void add(LiveAnswer answer);
+  void forgetOld();
+  [[nodiscard]] LiveCommandReport page(std::size_t end) const;
 
   mutable std::mutex lock_;
   std::deque<LiveCommand> waiting_;
   std::size_t of_turn_ = 0;
-  LiveCommandReport report_;
-  bool news_ = false;
+  LiveCommandReport report_;        ///< without answers
+  std::deque<LiveAnswer> answers_;  ///< the last ones have not been published
+  std::size_t unpublished_ = 0;
 };
 
 }  // namespace accessvdb::tools

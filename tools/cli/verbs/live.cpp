@@ -184,13 +184,15 @@ void LiveRun::publishPoints(const LiveSession& session, dds::Participant& partic
 
 void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
   report_.live = LiveReport{session.status()};
-  report_.live->commands = commands_.report();
   for (int n = 0; n < dds::kNumInputs; ++n) {
     const dds::TopicState state = participant.state(static_cast<dds::Input>(n));
     report_.live->malformed += state.malformed;
     report_.live->lost += state.lost;
   }
-  participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
+  for (LiveCommandReport& page : commands_.takePages()) {
+    report_.live->commands = std::move(page);
+    participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
+  }
   report_.agreement = session.agreement();
   if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
     messages_.warning("poses.disagree", *warning);
@@ -212,7 +214,7 @@ void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
     }
     publishStatus(session, participant);
   }
-  if (commands_.takeNews()) publishStatus(session, participant);
+  if (commands_.hasNews()) publishStatus(session, participant);
 }
 
 /// @return what was done, in words  @throws Error for what could not be done; nothing has changed then
