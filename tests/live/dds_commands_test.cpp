@@ -145,21 +145,38 @@ TEST_F(LiveCommandsDds, AFileOfOthersInThePlaceOfAnyOutputIsKept) {
 }
 
 /// As the state says by its name, which is another one each time.
-TEST_F(LiveCommandsDds, ACheckpointIsOfTheMapAsItIsOrRefused) {
+TEST_F(LiveCommandsDds, CheckpointsAndReportsAreOfTheMapAsItIs) {
   simulate(5);
-  const std::vector<std::string> early = {R"({"id":%d,"command":"checkpoint"})"};
-  const std::string first = commands(early, "rate=10 wait_s=1");
-  const ProgramResult result = live({first + " && cp '" + path("answers") + "' '" + path("early") + "'",
-                                     "echo '" + early.front() + "' >>'" + path("commands") + "'", peer("rate=10"),
-                                     first + " && ls '" + path("checkpoint") + "' >'" + path("listed") + "'"},
-                                    {"--checkpoint", path("checkpoint")});
+  const std::string early = commands({R"({"id":%d,"command":"checkpoint"})"}, "rate=10 wait_s=1"),
+                    late = commands({R"({"id":%d,"command":"checkpoint"})"}, "rate=10 wait_s=4");
+  writeText("later", R"({"command":"pause"}
+{"id":%d,"command":"checkpoint"}
+{"id":%d,"command":"checkpoint"}
+{"id":%d,"command":"save"}
+{"id":%d,"command":"reset"}
+)");
+  const ProgramResult result = live(
+      {early,
+       "cp '" + path("answers") + "' '" + path("early") + "'; cp '" + path("later") + "' '" + path("commands") + "'",
+       peer("rate=10"), late},
+      {"--checkpoint", path("checkpoint")});
   EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
-  EXPECT_NE(readText("early").find("there is no scan in the map"), std::string::npos) << readText("early");
+  EXPECT_NE(readText("early").find("cannot be done: there is no scan in the map"), std::string::npos)
+      << readText("early");
   EXPECT_NE(readText("early").find("\"done\":false"), std::string::npos) << readText("early");
   const std::map<int, Answer> got = answers();
-  ASSERT_EQ(got.size(), 2U) << readText("peers");
-  for (const auto& [n, answer] : got) EXPECT_EQ(answer.said["done"], true) << answer.said;
-  EXPECT_NE(readText("listed").find("state-2.avst"), std::string::npos) << "both are written: " << readText("listed");
+  for (int n = 1; n < 5; ++n) {
+    ASSERT_TRUE(got.contains(n)) << readText("peers");
+    EXPECT_EQ(got.at(n).said["done"], true) << got.at(n).said;
+  }
+  EXPECT_TRUE(fs::exists(path("checkpoint/state-2.avst"))) << "both are written";
+  // The map that was saved is not that of the end.
+  EXPECT_TRUE(fs::exists(path("out/points.ply")));
+  EXPECT_EQ(report_["live"]["taken"], 5);
+  EXPECT_TRUE(report_["outputs"].empty()) << report_["outputs"];
+  EXPECT_EQ(report_["counts"]["surface_points"], 0) << report_["counts"];
+  EXPECT_EQ(report_["counts"]["scans"], 0) << report_["counts"];
+  EXPECT_EQ(report_["counts"]["accessible"], 0) << report_["counts"];
 }
 
 /// A sender that is faster than the map does not get all of its turns.

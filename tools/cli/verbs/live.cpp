@@ -53,9 +53,7 @@ double secondsSince(Clock::time_point start) { return std::chrono::duration<doub
 class LiveRun {
  public:
   LiveRun(const LiveRunOptions& options, Messages& messages) : options_(options), messages_(messages) {
-    for (StageTimes* times : {&report_.frame, &report_.integrate, &report_.mirror, &report_.update, &report_.score,
-                              &report_.changed_leaves, &report_.mirror_bytes})
-      *times = StageTimes(kTimedScans);
+    forgetCounts();
   }
 
   /// @return 128 + the signal that stopped it
@@ -70,6 +68,7 @@ class LiveRun {
   void takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log);
   static dds::OutgoingFrame outgoing(const LiveSession& session);
   void note(const LiveStep& step);
+  void forgetCounts();
   void publishPoints(const LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
   void obey(LiveSession& session, dds::Participant& participant);
@@ -87,6 +86,7 @@ class LiveRun {
   bool refused_ = false;  // existing outputs must stay
   bool said_many_ = false, said_disagree_ = false;
   std::int64_t last_stamp_ns_ = 0;
+  std::uint64_t scans_ever_ = 0;                      // resets do not count
   std::uint64_t sent_after_scans_ = 0, sent_to_ = 0;  // of the last message with all points
   Clock::time_point start_ = Clock::now();
 };
@@ -143,7 +143,26 @@ void LiveRun::note(const LiveStep& step) {
   report_.changed_leaves.add(static_cast<double>(step.fused.changed_leaves));
   report_.mirror_bytes.add(static_cast<double>(step.fused.mirror_bytes));
   ++report_.scans;
+  ++scans_ever_;
   last_stamp_ns_ = step.stamp_ns;
+}
+
+/// What is said of a map, its files and how long it took. What was given, and what came since the start, stays.
+void LiveRun::forgetCounts() {
+  RunReport report;
+  report.device = report_.device;
+  report.device_note_id = report_.device_note_id;
+  report.device_note = report_.device_note;
+  report.parameters = std::move(report_.parameters);
+  report.inputs = std::move(report_.inputs);
+  report.tools = std::move(report_.tools);
+  for (ReportedTool& tool : report.tools) tool.accessible = 0;
+  report.live = std::move(report_.live);
+  for (StageTimes* times : {&report.frame, &report.integrate, &report.mirror, &report.update, &report.score,
+                            &report.changed_leaves, &report.mirror_bytes})
+    *times = StageTimes(kTimedScans);
+  report_ = std::move(report);
+  surface_W_.setEmpty();
 }
 
 /// Points go out in the frame of the odometry, whatever was turned level here.
@@ -166,9 +185,9 @@ void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, Scan
 /// All points, if somebody listens and has not had them.
 void LiveRun::publishPoints(const LiveSession& session, dds::Participant& participant) {
   const std::uint64_t listeners = participant.subscribers(dds::Output::Points);
-  const bool changed = report_.scans != sent_after_scans_ || listeners > sent_to_;
+  const bool changed = scans_ever_ != sent_after_scans_ || listeners > sent_to_;
   sent_to_ = listeners;
-  if (listeners == 0 || !changed || report_.scans == 0) return;
+  if (listeners == 0 || !changed || scans_ever_ == 0) return;
   const auto points = session.field().points();
   if (points->size() > kMostSentPoints) {
     if (!std::exchange(said_many_, true)) {
@@ -179,7 +198,7 @@ void LiveRun::publishPoints(const LiveSession& session, dds::Participant& partic
     return;
   }
   participant.publish(dds::Output::Points, dds::cloudMessage(*points, last_stamp_ns_, outgoing(session)));
-  sent_after_scans_ = report_.scans;
+  sent_after_scans_ = scans_ever_;
 }
 
 void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
@@ -244,6 +263,7 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
     }
     case LiveCommandKind::Reset:
       session.reset();
+      forgetCounts();
       checkpoints_.noteChange();
       showPoints({});
       return "the map is empty";
@@ -364,7 +384,7 @@ int LiveRun::run() {
   }
   const int signal = stopSignal();
   messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
-                   numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(report_.scans) + " of " +
+                   numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(scans_ever_) + " of " +
                    std::to_string(report_.live->status.published) + " scans taken" +
                    (session.field().points()->size() > 0 ? "" : "; nothing to save"));
   if (session.field().points()->size() > 0) finish(session);
