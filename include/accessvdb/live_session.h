@@ -192,7 +192,8 @@ struct LiveStatus {
   std::string unconnected_frame = {};  ///< of the last scan that was dropped since no transform connects its frame
   /// Frame of the IMU, if LiveOptions::level was found as if that were what is posed, since no transform connects it.
   std::string unconnected_imu = {};
-  double extrinsic_m = 0;  ///< how far the sensor of the last scan is from what is posed
+  bool waits_for_level = false;  ///< scans wait for LiveOptions::level
+  double extrinsic_m = 0;        ///< how far the sensor of the last scan is from what is posed
 
   std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
   std::uint64_t late = 0;                        ///< of taken: only fused, since too many waited

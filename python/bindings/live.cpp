@@ -180,6 +180,7 @@ py::dict status(Session& session) {
   all["sensor_chain"] = now.sensor_chain;
   all["unconnected_frame"] = now.unconnected_frame;
   all["unconnected_imu"] = now.unconnected_imu;
+  all["waits_for_level"] = now.waits_for_level;
   all["extrinsic_m"] = now.extrinsic_m;
   all["points_in"] = now.points_in;
   all["points_used"] = now.points_used;

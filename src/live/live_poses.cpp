@@ -141,6 +141,7 @@ void LivePoses::tell(LiveStatus& status) const {
   status.sensor_chain = sensor_chain_;
   status.unconnected_frame = unconnected_;
   status.unconnected_imu = unconnected_imu_;
+  status.waits_for_level = !level_.isKnown();
   status.extrinsic_m = extrinsic_m_;
   frames_.tell(status);
 }

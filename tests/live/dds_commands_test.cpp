@@ -8,6 +8,7 @@
 #include "live/dds_world.h"
 #include "runs/checkpoint.h"
 #include "runs/live_commands.h"
+#include "runs/live_words.h"
 #include "support/determinism_support.h"
 
 namespace accessvdb::live_test {
@@ -177,6 +178,27 @@ TEST_F(LiveCommandsDds, CheckpointsAndReportsAreOfTheMapAsItIs) {
   EXPECT_EQ(report_["counts"]["surface_points"], 0) << report_["counts"];
   EXPECT_EQ(report_["counts"]["scans"], 0) << report_["counts"];
   EXPECT_EQ(report_["counts"]["accessible"], 0) << report_["counts"];
+}
+
+TEST(LiveWords, SayWhatScansWaitFor) {
+  tools::LiveRunOptions options;
+  options.cloud = "/cloud";
+  options.odom = "/odom";
+  options.imu = "/imu";
+  tools::Messages messages(tools::ErrorFormat::Text, true);
+  const tools::LiveWords words(options, messages);
+  tools::LiveInputs inputs;
+  for (dds::TopicState& state : inputs) state.senders = 1;
+  LiveStatus status;
+  const auto says = [&](const std::string& text) {
+    return words.progressInWords(status, inputs).find(text) != std::string::npos;
+  };
+  EXPECT_FALSE(says("/imu"));
+  status.waits_for_level = true;
+  EXPECT_TRUE(says("scans wait until /imu says what is level"));
+  EXPECT_FALSE(says("nobody publishes"));
+  inputs[static_cast<std::size_t>(dds::Input::Imu)].senders = 0;
+  EXPECT_TRUE(says("nobody publishes /imu"));
 }
 
 /// A sender that is faster than the map does not get all of its turns.

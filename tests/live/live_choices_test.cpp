@@ -236,6 +236,7 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
   session.addPose(tilted(0));
   EXPECT_FALSE(session.waitForWork(std::chrono::milliseconds(0)));
   EXPECT_FALSE(session.step()) << "it is not known yet what is up";
+  EXPECT_TRUE(session.status().waits_for_level);
   sendRest(session);
   for (std::size_t n = 1; n < scans_.size(); ++n) {
     session.addPose(tilted(n));
@@ -243,6 +244,7 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
     EXPECT_TRUE(session.waitForWork(std::chrono::milliseconds(0)));
   }
   EXPECT_EQ(stepAll(session), scans_.size());
+  EXPECT_FALSE(session.status().waits_for_level);
   ASSERT_TRUE(session.levelling());
   // By the smallest turn, which may leave a yaw: up is up.
   const Eigen::Vector3d up_W = R_L_W_.transpose() * Eigen::Vector3d::UnitZ();

@@ -63,6 +63,7 @@ Json jsonLive(const LiveReport& live) {
       {"dropped", dropped},
       {"paused", status.paused},
       {"all_closed", status.all_closed},
+      {"waits_for_level", status.waits_for_level},
       {"resets", status.resets},
       {"commands",
        {{"received", live.commands.received},

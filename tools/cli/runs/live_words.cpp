@@ -96,23 +96,34 @@ void LiveWords::sayFrames(const LiveStatus& status) {
 }
 
 void LiveWords::sayProgress(const LiveStatus& status, const dds::Participant& participant) const {
-  const dds::TopicState clouds = participant.state(dds::Input::Clouds), poses = participant.state(dds::Input::Poses);
+  LiveInputs inputs;
+  for (int n = 0; n < dds::kNumInputs; ++n)
+    inputs[static_cast<std::size_t>(n)] = participant.state(static_cast<dds::Input>(n));
+  messages_.progress(progressInWords(status, inputs));
+}
+
+std::string LiveWords::progressInWords(const LiveStatus& status, const LiveInputs& inputs) const {
+  const auto of = [&](dds::Input input) -> const dds::TopicState& { return inputs[static_cast<std::size_t>(input)]; };
+  const dds::TopicState &clouds = of(dds::Input::Clouds), &poses = of(dds::Input::Poses);
   std::string text = std::to_string(status.taken) + " of " + std::to_string(status.published) + " scans taken, " +
                      std::to_string(status.allDropped()) + " dropped, " + std::to_string(status.surface_points) +
                      " points, latency " + numberText(std::round(status.latency_p50_ms)) + " ms, p99 " +
                      numberText(std::round(status.latency_p99_ms)) + " ms";
   if (clouds.senders == 0) text += "; nobody publishes " + options_.cloud;
   if (poses.senders == 0) text += "; nobody publishes " + options_.odom;
+  if (status.waits_for_level) {
+    if (of(dds::Input::Imu).senders == 0) text += "; nobody publishes " + options_.imu;
+    text += "; scans wait until " + options_.imu + " says what is level";
+  }
   if (clouds.senders > 0 && clouds.received == 0 && poses.received > 0)
     text += "; nothing of " + options_.cloud + " arrives: are its messages larger than --max-message " +
             options_.max_message + "?";
-  for (int n = 0; n < dds::kNumInputs; ++n) {
-    const dds::TopicState state = participant.state(static_cast<dds::Input>(n));
+  for (const dds::TopicState& state : inputs) {
     if (state.malformed == 0) continue;
     text += "; " + state.topic + ": " + std::to_string(state.malformed) + " unusable messages, the last " +
             state.last_problem.substr(0, 200);
   }
-  messages_.progress(text);
+  return text;
 }
 
 }  // namespace accessvdb::tools

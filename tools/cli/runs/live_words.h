@@ -13,6 +13,9 @@
 
 namespace accessvdb::tools {
 
+/// By dds::Input.
+using LiveInputs = std::array<dds::TopicState, dds::kNumInputs>;
+
 class LiveWords {
  public:
   LiveWords(const LiveRunOptions& options, Messages& messages) : options_(options), messages_(messages) {}
@@ -21,6 +24,7 @@ class LiveWords {
   void tell(const LiveStatus& status);
   /// One line about how it goes, not kept for the report.
   void sayProgress(const LiveStatus& status, const dds::Participant& participant) const;
+  [[nodiscard]] std::string progressInWords(const LiveStatus& status, const LiveInputs& inputs) const;
 
  private:
   void warnOfAllClosed(const LiveStatus& status);
