@@ -118,7 +118,7 @@ TEST_F(LiveCommandsDds, WhatIsNoneIsRefusedAndChangesNothing) {
   EXPECT_EQ(report_["live"]["commands"]["done"], 0);
   const std::map<int, Answer> got = answers();
   ASSERT_EQ(got.size(), 2U) << "the long one is not accepted, and the others have no id";
-  EXPECT_NE(got.at(4).said["words"].get<std::string>().find("--checkpoint"), std::string::npos);
+  EXPECT_EQ(got.at(4).said["words"], "cannot be done: the program was started without --checkpoint");
   EXPECT_NE(got.at(6).said["words"].get<std::string>().find("has no"), std::string::npos);
   EXPECT_GE(report_["live"]["lost"], 1) << "the long one is counted";
   EXPECT_LT(most_resident_KiB_, 700U * 1024);
@@ -268,6 +268,10 @@ TEST(LiveCommands, AreBoundedAndReadStrictly) {
     EXPECT_EQ(commands.report().refused, refused + 1) << bad;
     EXPECT_FALSE(commands.report().answers.back().done);
   }
+  commands.receive(R"({"command":"remove","box":[0,0,0,1,1,1e999]})");
+  EXPECT_EQ(commands.report().answers.back().words, "has a number that does not fit");
+  commands.receive("[1]");
+  EXPECT_EQ(commands.report().answers.back().words, "is no JSON object");
   commands.receive(R"({"id":1.5,"command":"remove","box":[0,1,2,3,4,5],"as":"free"})");
   commands.beginTurn();
   const auto command = commands.next();

@@ -22,6 +22,21 @@ constexpr std::size_t kMostUnpublished = 200;
 
 const char* nameOf(LiveCommandKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
 
+/// @param problem  what is wrong with it, if there is something @return nothing then
+Json objectIn(const std::string& text, std::string& problem) {
+  problem = "is no JSON object";
+  try {
+    Json message = Json::parse(text);
+    if (!message.is_object()) return {};
+    problem = "";
+    return message;
+  } catch (const Json::out_of_range&) {
+    problem = "has a number that does not fit";
+  } catch (const Json::exception&) {  // no JSON
+  }
+  return {};
+}
+
 /// Numbers and short texts are ids; whatever else was sent is none.
 std::string idOf(const Json& message) {
   constexpr std::size_t kMostBytes = 100;
@@ -51,14 +66,13 @@ std::optional<std::string> readBox(const Json& message, LiveCommand& command) {
 }  // namespace
 
 void LiveCommands::receive(const std::string& text) {
-  const Json message = Json::parse(text, nullptr, false);
   LiveAnswer refused;
+  const Json message = objectIn(text, refused.words);
   LiveCommand command;
   const bool object = message.is_object();
   if (object) refused.id = command.id = idOf(message);
   const auto word = object ? message.find("command") : message.end();
-  if (message.is_discarded() || !object) {
-    refused.words = "is no JSON object";
+  if (!object) {  // said already
   } else if (word == message.end() || !word->is_string()) {
     refused.words = "has no \"command\"";
   } else {

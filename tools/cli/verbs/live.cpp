@@ -7,6 +7,7 @@
 #include <csignal>
 #include <filesystem>
 #include <sstream>
+#include <stdexcept>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
@@ -48,6 +49,11 @@ constexpr double kMostOfTurn_s = 0.05;
 constexpr auto kWordsEvery = std::chrono::seconds(5);
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+/// Why a command cannot be done.
+struct Refused : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
 
 /// One run. Its report is always complete, so that it can be written whatever happens.
 class LiveRun {
@@ -227,6 +233,8 @@ void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
     if (!command) break;
     try {
       commands_.answer(*command, true, carryOut(*command, session, participant));
+    } catch (const Refused& refused) {
+      commands_.answer(*command, false, refused.what());
     } catch (const Error& error) {
       if (error.code() == ErrorCode::Device || error.code() == ErrorCode::Internal) throw;
       commands_.answer(*command, false, error.what());
@@ -236,9 +244,9 @@ void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
   if (commands_.hasNews()) publishStatus(session, participant);
 }
 
-/// @return what was done, in words  @throws Error for what could not be done; nothing has changed then
+/// @return what was done, in words  @throws Refused, Error for what could not be done; nothing has changed then
 std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant) {
-  const auto refuse = [](const std::string& why) { throw UnusableInput("live.command", "this command", why, ""); };
+  const auto refuse = [](const std::string& why) { throw Refused(why); };
   const auto showPoints = [&](const std::vector<SurfacePoint>& changed) {
     if (!changed.empty() && participant.subscribers(dds::Output::Changes) > 0)
       participant.publish(dds::Output::Changes, dds::cloudMessage(changed, last_stamp_ns_, outgoing(session)));
