@@ -180,6 +180,13 @@ TEST_F(LiveCommandsDds, CheckpointsAndReportsAreOfTheMapAsItIs) {
   EXPECT_EQ(report_["counts"]["accessible"], 0) << report_["counts"];
 }
 
+TEST_F(LiveCommandsDds, TheHelpNamesThem) {
+  const ProgramResult help = runProgram({"live", "--help"});
+  EXPECT_EQ(help.exit_code, 0);
+  for (const char* word : {"/accessvdb/command", "save", "checkpoint", "reset", "remove", "pause", "resume"})
+    EXPECT_NE(help.out.find(word), std::string::npos) << word;
+}
+
 TEST(LiveWords, SayWhatScansWaitFor) {
   tools::LiveRunOptions options;
   options.cloud = "/cloud";
