@@ -12,8 +12,10 @@ namespace accessvdb::kernels {
 void DueLists::growBlocks(std::uint32_t blocks, cudaStream_t stream) {
   growFilled(heads_, memory_, blocks, 0xff, stream);
   growFilled(busy_, memory_, blocks, 0, stream);
+  growFilled(places_, memory_, blocks, 0, stream);
   view_.head = heads_.data();
   view_.busy = busy_.data();
+  view_.place = places_.data();
 }
 
 void DueLists::growItems(std::uint32_t points) {

@@ -16,7 +16,7 @@ namespace accessvdb::kernels {
 class DueLists {
  public:
   /// Items that are evaluated at a time: at least kLeastItems, so that one part of the points always has room.
-  static constexpr std::uint32_t kLeastItems = 1u << 18, kMaxItems = 3u << 19;
+  static constexpr std::uint32_t kLeastItems = 1u << 18, kMaxItems = 1u << 21;
 
   DueLists(DeviceMemory& memory, SearchCounters* counters) : memory_(memory) { view_.counters = counters; }
 
@@ -36,7 +36,7 @@ class DueLists {
  private:
   DeviceMemory& memory_;
   DueView view_;
-  DeviceArray<std::uint32_t> heads_, busy_;  ///< by block
+  DeviceArray<std::uint32_t> heads_, busy_, places_;  ///< by block
   DeviceArray<ListedDue> items_;
   DeviceArray<std::uint32_t> order_, whole_, keys_, sorted_, block_order_;
   DeviceArray<std::byte> scratch_;

@@ -3,6 +3,7 @@
 /// Lists the points to evaluate, by the rule of hostdev/due_rule.h: after their neighbourhoods changed, after flips
 /// near them, and when their turn has come. Flips are handled leaf by leaf, for groups of blocks.
 #include "cuda/memory/cuda_check.h"
+#include "cuda/search/warp.cuh"
 #include "cuda/update/known_collisions.cuh"
 #include "cuda/update/update_kernels.h"
 #include "hostdev/due_rule.h"
@@ -27,6 +28,12 @@ __device__ StoredScore storedScore(const PointStateView& points, std::size_t id)
   return {points.label[id], points.direction[id], points.score[id], points.rollOf(static_cast<std::uint32_t>(id))};
 }
 
+/// Whether bounds follow flips, and say that no collisions changed at a point that could matter.
+__device__ bool isCalm(const DueContext& context, std::uint32_t id) {
+  const KnownView& known = context.evaluation.known;
+  return known.follows && !isSet(known.stirred_bits, id);
+}
+
 /// What flips mean for a point; read only if the rule asks.
 struct FlipsOfPoint {
   const DueContext& context;
@@ -35,7 +42,10 @@ struct FlipsOfPoint {
   __device__ GroupMasks masks() const {
     if (context.masks.affected == nullptr) return {};
     const std::uint32_t group = context.points.groupOf(id);
-    return context.masks.affected[group] != 0 ? context.masks.masks[group] : GroupMasks{};
+    if (context.masks.affected[group] == 0) return {};
+    GroupMasks masks = context.masks.masks[group];
+    if (isCalm(context, id)) masks.better_tool = masks.worse_tool = {};
+    return masks;
   }
   __device__ std::uint64_t notKnownWorse(int w, std::uint64_t asked, int most) const {
     return kernels::notKnownWorse(context.points, context.evaluation.known, id, w, asked, most);
@@ -139,16 +149,32 @@ __global__ void dueAfterMoves(DueContext context, PointChunk part, const FoundNe
   takeDue(context, id, before, directionsOf(context.points.points, id), true);
 }
 
+/// One thread per block of points.
+__global__ void placeFlipped(DueContext context) {
+  const std::uint32_t block = blockIdx.x * kThreads + threadIdx.x;
+  const PointsView& points = context.points;
+  if (block >= points.index.blocks || context.masks.affected[points.groups.of_block[block]] == 0) return;
+  context.due.place[block] = atomicAdd(&context.due.counters->near_flips, points.index.count[block]);
+}
+
+/// One warp per block of points: they lie side by side, and read the same masks.
 __global__ void dueByFlips(DueContext context, std::uint32_t first, std::uint32_t count,
                            const std::uint32_t* changed_bits) {
-  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n >= count) return;
-  const std::uint32_t id = first + n;
-  if (context.masks.affected[context.points.groupOf(id)] == 0) return;
-  if (context.points.points.label[id] == PointLabel::Unscored) return;
-  if (isSet(changed_bits, id)) return;  // already handed on
-  const PointDirections now = directionsOf(context.points.points, id);
-  takeDue(context, id, now, now, false);
+  const std::uint32_t block = blockIdx.x * (kThreads / kWarp) + threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
+  const PointsView& points = context.points;
+  if (block >= points.index.blocks || context.masks.affected[points.groups.of_block[block]] == 0) return;
+  if (context.due.place[block] - first >= count) return;
+  const GroupMasks& masks = context.masks.masks[points.groups.of_block[block]];
+  const bool better_arm = any(masks.better_arm);
+  const std::uint32_t* const ids = points.index.ids + points.index.first[block];
+  for (std::uint32_t n = lane; n < points.index.count[block]; n += kWarp) {
+    const std::uint32_t id = ids[n];
+    if (!better_arm && isCalm(context, id) && !FlipsOfPoint{context, id}.bestArmMayBeBlocked()) continue;
+    if (points.points.label[id] == PointLabel::Unscored) continue;
+    if (isSet(changed_bits, id)) continue;  // already handed on
+    const PointDirections now = directionsOf(points.points, id);
+    takeDue(context, id, now, now, false);
+  }
 }
 
 __global__ void afterWaiting(DueContext context, DeviceList<std::uint32_t> ids) {
@@ -178,10 +204,17 @@ void launchDueAfterMoves(const DueContext& context, const PointChunk& part, cons
   checkLaunch("dueAfterMoves");
 }
 
+void launchPlaceFlipped(const DueContext& context, cudaStream_t stream) {
+  if (context.points.index.blocks == 0) return;
+  placeFlipped<<<blocksFor(context.points.index.blocks), kThreads, 0, stream>>>(context);
+  checkLaunch("placeFlipped");
+}
+
 void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,
                       const std::uint32_t* changed_bits, cudaStream_t stream) {
   if (count == 0) return;
-  dueByFlips<<<blocksFor(count), kThreads, 0, stream>>>(context, first, count, changed_bits);
+  const unsigned blocks = blocksFor(std::uint64_t{context.points.index.blocks} * kWarp);
+  dueByFlips<<<blocks, kThreads, 0, stream>>>(context, first, count, changed_bits);
   checkLaunch("dueByFlips");
 }
 

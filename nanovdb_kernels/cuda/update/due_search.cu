@@ -186,6 +186,7 @@ struct BestNow {
   int tests = 0;              ///< that it took itself
   bool became_worse = false;  ///< than it was; it may still be the best
   bool all_in_question = false;
+  bool counted = false;  ///< the tool was tested there
 };
 
 /// Evaluates one point with one warp. All lanes call it.
@@ -242,7 +243,9 @@ struct WarpEvaluation {
       }
     }
     result.tests = static_cast<std::uint16_t>(result.tests + best.tests);
-    concludeAndLearn(work, scratch, any && result.scored != 0, base, result, lane);
+    const bool searched = any && result.scored != 0;
+    if (best.counted) noteBest(best, searched);
+    concludeAndLearn(work, scratch, searched || best.counted, base, result, lane);
     return true;
   }
 
@@ -278,6 +281,18 @@ struct WarpEvaluation {
     return searchByWarp(context, scratch.item);
   }
 
+  /// Adds the collisions of the best direction to what a search noted: the search takes them as given.
+  __device__ void noteBest(const BestNow& best, bool searched) const {
+    WarpMasks& masks = scratch.masks;
+    __syncwarp();
+    if (!searched && lane < kMaskWords32) masks.counted[lane] = masks.arm_blocked[lane] = 0;
+    __syncwarp();
+    if (lane == 0) {
+      masks.counted[best.direction >> 5] |= 1u << (best.direction & 31);
+      masks.least[best.direction] = static_cast<std::uint16_t>(best.score);
+    }
+  }
+
   __device__ BestNow bestNow(const Due& due) const {
     const PointStateView& points = work.points.points;
     const int limit = static_cast<int>(search.tool.collision_limit);
@@ -293,6 +308,7 @@ struct WarpEvaluation {
     if constexpr (Counter::kRolls) {
       if ((due.test_best & kTestTool) != 0) best.roll = counter.roll;
     }
+    best.counted = (due.test_best & kTestTool) != 0 && work.evaluation.known.follows;
     best.became_worse = hits > best.score;
     best.all_in_question = hits >= limit;
     best.score = hits;

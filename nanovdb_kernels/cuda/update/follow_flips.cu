@@ -18,9 +18,8 @@ namespace {
 /// Voxels that are taken at a time: no step of one byte may overflow.
 constexpr int kMostVoxels = 124;
 static_assert(kMostVoxels <= known_count::kMostTogether);
-/// Voxels whose arcs are read together, to hide memory latency.
+/// Voxels whose arcs are on their way, to hide memory latency.
 constexpr int kTogether = 4;
-static_assert(kMostVoxels % kTogether == 0);
 
 /// Where more voxels than this flipped in the leaves around a block for each point that a warp's lanes take together,
 /// as on new ground, bounds are only lowered: testing those points again costs less than following.
@@ -28,18 +27,23 @@ constexpr std::uint32_t kMostPerPoint = 150;
 
 /// A flipped voxel near a block, seen from where ArcsView begins for a point in the block's first voxel, in one word.
 struct VoxelNear {
-  static constexpr int kHeightBits = 9;
+  static constexpr int kHeightBits = 9, kColumnAt = kHeightBits + 1;
 
-  [[nodiscard]] static __device__ std::uint32_t code(std::int32_t column, std::int32_t height) {
-    return static_cast<std::uint32_t>(column) << kHeightBits | static_cast<std::uint32_t>(height);
+  [[nodiscard]] static __device__ std::uint32_t code(std::int32_t column, std::int32_t height, bool collides) {
+    return static_cast<std::uint32_t>(column) << kColumnAt | (collides ? 0u : 1u << kHeightBits) |
+           static_cast<std::uint32_t>(height);
   }
-  [[nodiscard]] static __device__ std::uint32_t column(std::uint32_t code) { return code >> kHeightBits; }
+  [[nodiscard]] static __device__ std::uint32_t column(std::uint32_t code) { return code >> kColumnAt; }
   [[nodiscard]] static __device__ std::uint32_t height(std::uint32_t code) { return code & ((1u << kHeightBits) - 1); }
+  /// By how much it changes a count.
+  [[nodiscard]] static __device__ int step(std::uint32_t code) {
+    return 1 - static_cast<int>(code >> (kHeightBits - 1) & 2u);
+  }
 };
 
-/// Those near a block, in memory that a warp shares: the ones that began to collide, and those that ceased to.
-struct VoxelsNear {
-  alignas(16) std::uint32_t worse[kMostVoxels + kTogether], better[kMostVoxels + kTogether];
+/// What a warp shares of a block.
+struct BlockNear {
+  alignas(16) std::uint32_t voxels[kMostVoxels + 2 * kTogether];  ///< near it: VoxelNear::code
   std::uint16_t points[kMostInBlock];  ///< places in the block's list of those of which any bound is known
 };
 
@@ -49,18 +53,17 @@ extern __shared__ __align__(16) std::uint32_t all_steps[];
 class BlockFollower {
  public:
   /// @param near  shared by the warp
-  __device__ BlockFollower(const FollowContext& context, std::uint32_t block, VoxelsNear& near, int lane)
+  __device__ BlockFollower(const FollowContext& context, std::uint32_t block, BlockNear& near, int lane)
       : context_(context),
         near_(near),
         block_(block),
         lane_(lane),
-        leaf_(context.points.index.leaf + 3 * std::size_t{block}),
-        steps_(reinterpret_cast<std::int8_t*>(all_steps + lane)) {}
+        leaf_(context.points.index.leaf + 3 * std::size_t{block}) {}
 
   /// All lanes.
   __device__ void followAll() {
     listKnown();
-    if (points_ == 0) return;
+    if (points_ == 0) return;  // the others are stirred already
     const ArcsView& arcs = context_.arcs;
     std::int32_t low[3], high[3];  // [leaves]
     for (int axis = 0; axis < 3; ++axis) {
@@ -68,12 +71,11 @@ class BlockFollower {
       high[axis] = (leaf_[axis] * 8 + arcs.low[axis] + arcs.size[axis] - ArcsView::kMargin + 6) >> 3;
     }
     std::uint32_t voxels = 0;
-    forEachTile(low, high, [&](const Tile& tile) { voxels += __reduce_add_sync(kAllLanes, tile.end - tile.begin); });
+    forEachTile(low, high, [&](const Tile& tile, bool /*last*/) { voxels += __reduce_add_sync(kAllLanes, tile.end - tile.begin); });
     if (voxels == 0) return;
     const auto points = static_cast<std::uint32_t>(points_);
     if (std::uint64_t{voxels} * ((points + kWarp - 1) / kWarp) > kMostPerPoint * points) return lowerAll();
-    forEachTile(low, high, [&](const Tile& tile) { takeTiles(tile); });
-    takeVoxels();
+    forEachTile(low, high, [&](const Tile& tile, bool last) { takeTiles(tile, last); });
   }
 
  private:
@@ -83,7 +85,7 @@ class BlockFollower {
     std::uint32_t begin = 0, end = 0;    ///< of FlipsView::by_layer
   };
 
-  /// Calls visit(tile) with a tile per lane. All lanes. @param low, high  [leaves] inclusive
+  /// Calls visit(tile, whether these are the last ones) with a tile per lane. All lanes. @param low, high  [leaves] inclusive
   template <class Visit>
   __device__ void forEachTile(const std::int32_t (&low)[3], const std::int32_t (&high)[3], const Visit& visit) const {
     constexpr int kLog2[3] = {FlipsView::kTileLog2, FlipsView::kTileLog2, 4};
@@ -111,14 +113,18 @@ class BlockFollower {
           tile.end = layers[highest + 1];
         }
       }
-      visit(tile);
+      visit(tile, base + static_cast<int>(kWarp) >= count);
     }
   }
 
-  /// Takes the voxels of one tile per lane. All lanes.
-  __device__ void takeTiles(const Tile& mine) {
+  /// Lists the voxels of one tile per lane, and applies what was listed when the list is full, or these tiles are the
+  /// last ones. All lanes.
+  __device__ void takeTiles(const Tile& mine, bool last) {
     const std::uint32_t end = sumUpTo(mine.end - mine.begin, lane_), all = __shfl_sync(kAllLanes, end, 31);
-    for (std::uint32_t from = 0; from < all; from += kWarp) {
+    // One turn more than there are voxels: a single place where they are applied keeps the kernel in the cache.
+#pragma unroll 1
+    for (std::uint32_t from = 0; from < all || last; from += kWarp) {
+      const bool over = from >= all;
       const std::uint32_t at = from + static_cast<std::uint32_t>(lane_);
       int owner = 0;  // the first lane with at < end
       for (int step = 16; step > 0; step /= 2) {
@@ -131,7 +137,15 @@ class BlockFollower {
       near[0] += static_cast<std::int32_t>(code >> 14);
       near[1] += static_cast<std::int32_t>(code >> 8 & 63u);
       near[2] += static_cast<std::int32_t>(code >> 1 & 127u);
-      takeVoxel(near, (code & 1u) != 0, at < all && isNear(near));
+      const bool wanted = at < all && isNear(near);
+      const unsigned all_wanted = __ballot_sync(kAllLanes, wanted);
+      if (over || voxels_ + __popc(all_wanted) > kMostVoxels) takeVoxels();
+      if (over) return;
+      if (wanted) {
+        near_.voxels[voxels_ + __popc(all_wanted & ((1u << lane_) - 1u))] =
+            VoxelNear::code(near[0] * context_.arcs.size[1] + near[1], near[2], (code & 1u) != 0);
+      }
+      voxels_ += __popc(all_wanted);
     }
   }
 
@@ -150,52 +164,56 @@ class BlockFollower {
     return squared <= arcs.reach_squared;
   }
 
-  /// One voxel per lane. All lanes.
-  __device__ void takeVoxel(const std::int32_t (&near)[3], bool collides, bool wanted) {
-    const unsigned all = __ballot_sync(kAllLanes, wanted);
-    if (worse_ + better_ + __popc(all) > kMostVoxels) takeVoxels();
-    const unsigned worse = __ballot_sync(kAllLanes, wanted && collides), better = all & ~worse,
-                   before = (1u << lane_) - 1u;
-    if (wanted) {
-      const std::uint32_t code = VoxelNear::code(near[0] * context_.arcs.size[1] + near[1], near[2]);
-      (collides ? near_.worse[worse_ + __popc(worse & before)] : near_.better[better_ + __popc(better & before)]) =
-          code;
-    }
-    worse_ += __popc(worse);
-    better_ += __popc(better);
-  }
-
-  /// Fills a list up to a multiple of kTogether with voxels that are in no point's reach. @return that
-  __device__ int filledUp(std::uint32_t* voxels, int count) const {
-    const int filled = (count + kTogether - 1) / kTogether * kTogether;
-    if (count + lane_ < filled) {
-      voxels[count + lane_] = VoxelNear::code((ArcsView::kMargin - 1) * (context_.arcs.size[1] + 1), ArcsView::kMargin);
-    }
-    return filled;
-  }
-
   /// Applies the voxels that were listed to all points of the block. All lanes.
   __device__ void takeVoxels() {
-    const int worse = filledUp(near_.worse, worse_), better = filledUp(near_.better, better_);
+    if (voxels_ == 0) return;
+    // Those that are read ahead, or fill up, are in no point's reach.
+    if (lane_ < 2 * kTogether) {
+      near_.voxels[voxels_ + lane_] =
+          VoxelNear::code((ArcsView::kMargin - 1) * (context_.arcs.size[1] + 1), ArcsView::kMargin, true);
+    }
     __syncwarp();
-    if (worse + better > 0) forEachKnown([&](std::uint32_t id) { followPoint(id, worse, better); });
-    worse_ = better_ = 0;
+    forEachKnown([&](std::uint32_t id) { followPoint(id); });
+    voxels_ = 0;
     __syncwarp();
   }
 
-  /// Lists the points of which anything is known. All lanes.
+  /// Lists the points of which anything is known, those above each other together: their arcs lie side by side, so that
+  /// lanes that read them share cache lines. All lanes.
   __device__ void listKnown() {
+    constexpr int kColumns = 64;
+    std::uint32_t* const begin = all_steps;  // [column]; not in use yet
+    for (int n = lane_; n < kColumns; n += static_cast<int>(kWarp)) begin[n] = 0;
+    __syncwarp();
+    forEachInBlock([&](std::uint32_t /*n*/, std::uint32_t column) { atomicAdd(begin + column, 1u); });
+    __syncwarp();
+    static_assert(kColumns == 2 * kWarp);
+    const std::uint32_t first = begin[2 * lane_], both = first + begin[2 * lane_ + 1], end = sumUpTo(both, lane_);
+    points_ = static_cast<int>(__shfl_sync(kAllLanes, end, 31));
+    __syncwarp();
+    begin[2 * lane_] = end - both;
+    begin[2 * lane_ + 1] = end - both + first;
+    __syncwarp();
+    forEachInBlock([&](std::uint32_t n, std::uint32_t column) {
+      near_.points[atomicAdd(begin + column, 1u)] = static_cast<std::uint16_t>(n);
+    });
+    __syncwarp();
+  }
+  /// Calls visit(place in the block's list, column in the block) with the points of which anything is known.
+  template <class Visit>
+  __device__ void forEachInBlock(const Visit& visit) const {
     const BlockIndexView& index = context_.points.index;
     const std::uint32_t first = index.first[block_], count = index.count[block_];
-    for (std::uint32_t from = 0; from < count; from += kWarp) {
-      const std::uint32_t n = from + static_cast<std::uint32_t>(lane_);
-      const std::uint32_t id = n < count ? index.ids[first + n] : kNoIndex;
-      const bool known = id != kNoIndex && isSet(context_.known.counted_bits, id);
-      const unsigned all = __ballot_sync(kAllLanes, known);
-      if (known) near_.points[points_ + __popc(all & ((1u << lane_) - 1u))] = static_cast<std::uint16_t>(n);
-      points_ += __popc(all);
+    for (std::uint32_t n = static_cast<std::uint32_t>(lane_); n < count; n += kWarp) {
+      const std::uint32_t id = index.ids[first + n];
+      if (!isSet(context_.known.counted_bits, id)) {
+        stir(id);
+        continue;
+      }
+      const float* p = context_.points.points.position_L + 3 * std::size_t{id};
+      const Coord ijk = voxelOf(p[0], p[1], p[2], context_.inverse_voxel_size);
+      visit(n, static_cast<std::uint32_t>((ijk[0] & 7) << 3 | (ijk[1] & 7)));
     }
-    __syncwarp();
   }
   /// Calls visit(id) with a point of them per lane; kNoIndex: none. All lanes.
   template <class Visit>
@@ -206,8 +224,11 @@ class BlockFollower {
     }
   }
 
-  /// One point per lane; kNoIndex: none. All lanes. @param worse, better  multiples of kTogether
-  __device__ void followPoint(std::uint32_t id, int worse, int better) const {
+  /// Notes that flips may have changed the collisions of a point so that something is due there.
+  __device__ void stir(std::uint32_t id) const { atomicOr(context_.known.stirred_bits + (id >> 5), 1u << (id & 31)); }
+
+  /// One point per lane; kNoIndex: none. All lanes.
+  __device__ void followPoint(std::uint32_t id) const {
     const int words = context_.known.slots.words;
     __syncwarp();  // all have read
     static_assert(kWarp % 4 == 0);
@@ -219,64 +240,86 @@ class BlockFollower {
     const float* p = context_.points.points.position_L + 3 * std::size_t{id};
     const std::uint32_t note = KnownRow::noteOf(context_.known, id);
     const Coord ijk = voxelOf(p[0], p[1], p[2], context_.inverse_voxel_size);
-    const auto column = static_cast<std::uint32_t>((ijk[0] & 7) * context_.arcs.size[1] + (ijk[1] & 7)),
-               height = static_cast<std::uint32_t>(ijk[2] & 7);
-    int sum = 0;  // what the arcs that cover direction 0 and began before it add up to
-    addSteps<1>(near_.worse, worse, column, height, sum);
-    addSteps<-1>(near_.better, better, column, height, sum);
-    sumUp(sum);
+    const int sum = addSteps(static_cast<std::uint32_t>((ijk[0] & 7) * context_.arcs.size[1] + (ijk[1] & 7)),
+                             static_cast<std::uint32_t>(ijk[2] & 7));
+    // Where collisions only became more, but for the best direction, nothing is due.
+    const PointStateView& points = context_.points.points;
+    const bool any_fewer = sumUp(sum);
+    if (any_fewer || (points.label[id] == PointLabel::Accessible && *step(stepPlace(points.direction[id])) != 0)) {
+      stir(id);
+    }
     apply(id, note);
   }
 
-  template <int kBy>
-  __device__ void addSteps(const std::uint32_t* voxels, int count, std::uint32_t column, std::uint32_t height,
-                           int& sum) const {
-    const ArcsOfColumn* const table = context_.arcs.table;
+  /// @param place  stepPlace()  @return a step of this lane
+  [[nodiscard]] __device__ std::int8_t* step(std::uint32_t place) const {
+    return reinterpret_cast<std::int8_t*>(all_steps) + (place | static_cast<std::uint32_t>(4 * lane_));
+  }
+  [[nodiscard]] __device__ uint4 arcsOf(std::uint32_t code, std::uint32_t column) const {
+    return __ldg(reinterpret_cast<const uint4*>(context_.arcs.table + (VoxelNear::column(code) - column)));
+  }
+
+  /// Adds up the steps of all voxels for a point of this lane. @param column, height  where the point is in its block
+  /// @return what the arcs that cover direction 0 and began before it add up to
+  [[nodiscard]] __device__ int addSteps(std::uint32_t column, std::uint32_t height) const {
+    int sum = 0;
+    uint4 next = *reinterpret_cast<const uint4*>(near_.voxels);
+    uint4 covering[kTogether] = {arcsOf(next.x, column), arcsOf(next.y, column), arcsOf(next.z, column),
+                                 arcsOf(next.w, column)};
 #pragma unroll 1
-    for (int first = 0; first < count; first += kTogether) {
-      const uint4 codes = *reinterpret_cast<const uint4*>(voxels + first);
-      const std::uint32_t code[kTogether] = {codes.x, codes.y, codes.z, codes.w};
-      uint4 covering[kTogether];
+    for (int first = 0; first < voxels_; first += kTogether) {
+      const std::uint32_t code[kTogether] = {next.x, next.y, next.z, next.w};
+      next = *reinterpret_cast<const uint4*>(near_.voxels + first + kTogether);
+      const std::uint32_t ahead[kTogether] = {next.x, next.y, next.z, next.w};
 #pragma unroll
       for (int n = 0; n < kTogether; ++n) {
-        covering[n] = __ldg(reinterpret_cast<const uint4*>(table + (VoxelNear::column(code[n]) - column)));
-      }
-#pragma unroll
-      for (int n = 0; n < kTogether; ++n) {
-        const ArcsOfColumn& arcs = *reinterpret_cast<const ArcsOfColumn*>(&covering[n]);
-        const std::uint32_t at = VoxelNear::height(code[n]) - height;
-        if (arcs.first.covers(at)) addArc<kBy>(arcs.first, sum);
-        if (arcs.second.covers(at)) addArc<kBy>(arcs.second, sum);
-#pragma unroll 1
-        for (std::uint32_t more = 0; more < arcs.count; ++more) {
-          const CoveringArc& arc = context_.arcs.more[arcs.more + more];
-          if (arc.covers(at)) addArc<kBy>(arc, sum);
-        }
+        const uint4 arcs = covering[n];
+        covering[n] = arcsOf(ahead[n], column);
+        addArcs(arcs, code[n], height, sum);
       }
     }
+    return sum;
   }
-  template <int kBy>
-  __device__ void addArc(const CoveringArc& arc, int& sum) const {
-    steps_[arc.begin] = static_cast<std::int8_t>(steps_[arc.begin] + kBy);
-    steps_[arc.end] = static_cast<std::int8_t>(steps_[arc.end] - kBy);
-    if (arc.end < arc.begin) sum += kBy;
+  /// @param arcs  an ArcsOfColumn
+  __device__ void addArcs(const uint4& arcs, std::uint32_t code, std::uint32_t height, int& sum) const {
+    const ArcsOfColumn& of_column = *reinterpret_cast<const ArcsOfColumn*>(&arcs);
+    const std::uint32_t at = VoxelNear::height(code) - height;
+    const int by = VoxelNear::step(code);
+    if (of_column.first.covers(at)) addArc(of_column.first, by, sum);
+    if (of_column.second.covers(at)) addArc(of_column.second, by, sum);
+#pragma unroll 1
+    for (std::uint32_t more = 0; more < of_column.count; ++more) {
+      const CoveringArc& arc = context_.arcs.more[of_column.more + more];
+      if (arc.covers(at)) addArc(arc, by, sum);
+    }
+  }
+  __device__ void addArc(const CoveringArc& arc, int by, int& sum) const {
+    std::int8_t *const begin = step(arc.begin), *const end = step(arc.end);
+    *begin = static_cast<std::int8_t>(*begin + by);
+    *end = static_cast<std::int8_t>(*end - by);
+    if (arc.end < arc.begin) sum += by;
   }
 
   [[nodiscard]] __device__ std::uint32_t& fourSteps(int n) const {
     return all_steps[n * static_cast<int>(kWarp) + lane_];
   }
 
-  /// Turns this lane's steps into their sums, which are no more than its voxels.
-  __device__ void sumUp(int sum) const {
+  /// Turns this lane's steps into their sums, which are no more than its voxels. @return whether any is below 0
+  [[nodiscard]] __device__ bool sumUp(int sum) const {
     const int words = 2 * context_.known.slots.words;
-#pragma unroll 4
+    std::uint32_t all = 0;
+#pragma unroll 2
     for (int n = 0; n < words; ++n) {
       const auto four = static_cast<int>(fourSteps(n));
       const int sums[4] = {__dp4a(four, 0x00000001, sum), __dp4a(four, 0x00000101, sum), __dp4a(four, 0x00010101, sum),
                            __dp4a(four, 0x01010101, sum)};
       sum = sums[3];
-      fourSteps(n) = __byte_perm(__byte_perm(sums[0], sums[1], 0x0040), __byte_perm(sums[2], sums[3], 0x0040), 0x5410);
+      const std::uint32_t four_sums =
+          __byte_perm(__byte_perm(sums[0], sums[1], 0x0040), __byte_perm(sums[2], sums[3], 0x0040), 0x5410);
+      all |= four_sums;
+      fourSteps(n) = four_sums;
     }
+    return (all & 0x80808080u) != 0;
   }
 
   /// The first two of four signed bytes as signed halves of a word.
@@ -289,25 +332,25 @@ class BlockFollower {
   __device__ void apply(std::uint32_t id, std::uint32_t note) const {
     const KnownSlots& slots = context_.known.slots;
     uint4* const row = reinterpret_cast<uint4*>(KnownRow::countsOf(context_.known, id));
-    constexpr int kAtOnce = 4;  // slots are a multiple of that, or as many as words
+    constexpr int kAtOnce = 2;  // slots are a multiple of that, or as many as words
 #pragma unroll 1
     for (int first = 0; first < slots.slots; first += kAtOnce) {
       uint4 counts[kAtOnce];
-      int words[kAtOnce];
+      std::uint32_t low[kAtOnce], high[kAtOnce];
 #pragma unroll
       for (int n = 0; n < kAtOnce; ++n) {
-        words[n] = first + n < slots.slots ? slots.wordIn(note, first + n) : -1;
-        if (words[n] >= 0) counts[n] = row[first + n];
+        const int word = first + n < slots.slots ? slots.wordIn(note, first + n) : -1;
+        low[n] = word >= 0 ? fourSteps(2 * word) : 0;
+        high[n] = word >= 0 ? fourSteps(2 * word + 1) : 0;
+        if ((low[n] | high[n]) != 0) counts[n] = row[first + n];
       }
 #pragma unroll
       for (int n = 0; n < kAtOnce; ++n) {
-        if (words[n] < 0) continue;
-        const std::uint32_t low = fourSteps(2 * words[n]), high = fourSteps(2 * words[n] + 1);
-        if ((low | high) == 0) continue;
-        counts[n].x = known_count::changedBy(counts[n].x, firstTwo(low));
-        counts[n].y = known_count::changedBy(counts[n].y, firstTwo(low >> 16));
-        counts[n].z = known_count::changedBy(counts[n].z, firstTwo(high));
-        counts[n].w = known_count::changedBy(counts[n].w, firstTwo(high >> 16));
+        if ((low[n] | high[n]) == 0) continue;
+        counts[n].x = known_count::changedBy(counts[n].x, firstTwo(low[n]));
+        counts[n].y = known_count::changedBy(counts[n].y, firstTwo(low[n] >> 16));
+        counts[n].z = known_count::changedBy(counts[n].z, firstTwo(high[n]));
+        counts[n].w = known_count::changedBy(counts[n].w, firstTwo(high[n] >> 16));
         row[first + n] = counts[n];
       }
     }
@@ -323,6 +366,7 @@ class BlockFollower {
             : nullptr;
     forEachKnown([&](std::uint32_t id) {
       if (id == kNoIndex) return;
+      stir(id);
       KnownCounts* const row = KnownRow::countsOf(context_.known, id);
       const PointStateView& points = context_.points.points;
       const int best = points.label[id] == PointLabel::Accessible ? int{points.direction[id]} : -1;
@@ -342,18 +386,17 @@ class BlockFollower {
   }
 
   const FollowContext& context_;
-  VoxelsNear& near_;
+  BlockNear& near_;
   std::uint32_t block_;
   int lane_;
   const std::int32_t* leaf_;
-  std::int8_t* steps_;  ///< of this lane
-  int points_ = 0;      ///< of which anything is known
-  int worse_ = 0, better_ = 0;
+  int points_ = 0;  ///< of which anything is known
+  int voxels_ = 0;  ///< listed
 };
 
 /// One warp per block of points.
 __global__ void __launch_bounds__(kWarp) followFlips(const __grid_constant__ FollowContext context) {
-  __shared__ VoxelsNear near;
+  __shared__ BlockNear near;
   const std::uint32_t block = blockIdx.x;
   const int lane = static_cast<int>(threadIdx.x);
   const std::uint32_t group = context.points.groups.of_block[block];

@@ -51,6 +51,7 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   if (view_.follows) {
     counts_.emplace(context);
     counted_bits_.emplace(context);
+    stirred_bits_.emplace(context);
     lost_.emplace(std::move(context));
   } else {
     levels_.emplace(context);
@@ -75,6 +76,8 @@ void KnownTables::grow(std::uint32_t points, std::uint32_t groups, cudaStream_t 
     view_.counts = counts_->data();
     counted_bits_->growFilled((points + std::size_t{31}) / 32, 0, stream);
     view_.counted_bits = counted_bits_->data();
+    stirred_bits_->grow((points + std::size_t{31}) / 32);
+    view_.stirred_bits = stirred_bits_->data();
     lost_->grow(groups * words * kKnownPerWord);
     view_.lost = lost_->data();
     return;

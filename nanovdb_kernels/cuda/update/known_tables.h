@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 
+#include "cuda/memory/growing.h"
 #include "cuda/memory/range_array.h"
 #include "cuda/update/update_views.cuh"
 #include "launch/device_array.h"
@@ -32,6 +33,10 @@ class KnownTables {
   [[nodiscard]] const ArcsView& arcs() const { return arcs_; }
 
   void setLimit(int collision_limit);
+  /// Before this update's flips: nothing has changed yet.
+  void beginUpdate(std::uint32_t points, cudaStream_t stream) {
+    if (view_.follows) fillBytes(view_.stirred_bits, 0, (points + 31) / 32 * sizeof(std::uint32_t), stream);
+  }
   /// New points have no levels until they are admitted.
   void grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream);
 
@@ -39,7 +44,7 @@ class KnownTables {
   [[nodiscard]] std::uint64_t mappedBytes() const {
     std::uint64_t bytes = 0;
     const auto add = [&](const auto& array) { bytes += array ? array->bytes() : 0; };
-    add(levels_), add(notes_), add(freed_), add(counts_), add(lost_), add(counted_bits_);
+    add(levels_), add(notes_), add(freed_), add(counts_), add(lost_), add(counted_bits_), add(stirred_bits_);
     return bytes;
   }
 
@@ -56,7 +61,7 @@ class KnownTables {
   // In place of levels_ and freed_, where bounds follow flips:
   std::optional<RangeArray<std::uint16_t>> counts_;  ///< by id
   std::optional<RangeArray<std::uint16_t>> lost_;    ///< by group
-  std::optional<RangeArray<std::uint32_t>> counted_bits_;
+  std::optional<RangeArray<std::uint32_t>> counted_bits_, stirred_bits_;
   DeviceArray<DirectionArc> cell_directions_;
   DeviceArray<DirectionMask> cell_sets_, corridor_table_;
   DeviceArray<ArcsOfColumn> arcs_of_columns_;

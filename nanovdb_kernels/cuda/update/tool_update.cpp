@@ -52,6 +52,7 @@ void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
   evaluation_ = {input.approach, input.rule, known_.view()};
   const std::uint32_t num_points = setting_.points.num_points;
   masks_.addGroups(setting_.points.groups.groups, stream());
+  known_.beginUpdate(num_points, stream());
   if (flips_ && known_.follows()) {
     launchFollowFlips(
         {setting_.points, known_.view(), known_.arcs(), *flips_, masks_.masks(), setting_.map.inverse_voxel_size},
@@ -77,9 +78,13 @@ void ToolUpdate::takeMoved(const PointChunk& part, const FoundNeighbourhood* bef
 
 void ToolUpdate::takeFlipped() {
   if (masks_.masks().affected == nullptr) return;
-  const std::uint32_t num_points = setting_.points.num_points;
-  for (std::uint32_t first = 0, part = 0; first < num_points; first += part) {
-    part = takeRoom(num_points - first, DueLists::kLeastItems);
+  launchPlaceFlipped(dueContext(), stream());
+  const UpdateCounters counters = counters_.read(stream());
+  const std::uint32_t points = counters.search.near_flips;
+  items_ = counters.search.due;
+  for (std::uint32_t first = 0, part = 0; first < points; first += part) {
+    // The last block of a part may pass its end.
+    part = takeRoom(points - first + kMostInBlock, DueLists::kLeastItems) - kMostInBlock;
     launchDueByFlips(dueContext(), first, part, setting_.changed_bits, stream());
   }
 }
