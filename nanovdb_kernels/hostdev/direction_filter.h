@@ -31,6 +31,45 @@ inline int mostInCone(int num_directions, double normal_cos_min) {
   return most < num_directions ? most : num_directions;
 }
 
+/// Sets the directions `first` .. `last` of a circle of num_directions; last < first + num_directions.
+/// @param first  at least -num_directions, below num_directions
+ACCESSVDB_HOSTDEV inline DirectionMask arcMask(int first, int last, int num_directions) {
+  const auto bitsFrom = [](int from, int to, int w) {  // of 64 w .. 64 w + 63
+    const int low = from - 64 * w, high = to - 64 * w;
+    if (low > 63 || high < 0) return std::uint64_t{0};
+    return (~std::uint64_t{0} << (low > 0 ? low : 0)) & (~std::uint64_t{0} >> (high < 63 ? 63 - high : 0));
+  };
+  if (first < 0) {
+    first += num_directions;
+    last += num_directions;
+  }
+  DirectionMask mask = {};
+  ACCESSVDB_UNROLL
+  for (int w = 0; w < kMaxDirectionWords; ++w) {
+    mask.word[w] = bitsFrom(first, last < num_directions ? last : num_directions - 1, w);
+    if (last >= num_directions) mask.word[w] |= bitsFrom(0, last - num_directions, w);
+  }
+  return mask;
+}
+
+/// The directions whose cosine to a normal may be `least` or more: all that are, and a few beside them. Much cheaper
+/// than asking each one. Of sets that are no yaws it takes all.
+ACCESSVDB_HOSTDEV inline DirectionMask aroundNormal(const ApproachView& approach, const float* normal, float least) {
+  const int directions = approach.num_directions;
+  if (approach.axes_xyz != nullptr) return arcMask(0, directions - 1, directions);
+  // The cosine is level * cos(yaw of the direction - yaw of the normal).
+  const float level = sqrtf(normal[0] * normal[0] + normal[1] * normal[1]);
+  if (least > level + 1e-5f) return {};
+  if (!(level > 1e-3f)) return arcMask(0, directions - 1, directions);  // its yaw says little
+  constexpr float kPi = 3.14159265f;
+  const float per_radian = static_cast<float>(directions) / (2 * kPi), ratio = least / level;
+  // One direction more on each side: rounding moves the end of the arc by less than a tenth of that.
+  const float half = acosf(ratio < -1 ? -1.0f : ratio > 1 ? 1.0f : ratio) * per_radian + 1;
+  if (2 * half + 2 >= static_cast<float>(directions)) return arcMask(0, directions - 1, directions);
+  const float yaw = atan2f(normal[1], normal[0]) * per_radian;
+  return arcMask(static_cast<int>(floorf(yaw - half)), static_cast<int>(ceilf(yaw + half)), directions);
+}
+
 /// Is direction d tried before e?
 ACCESSVDB_HOSTDEV inline bool ranksBefore(float cos_d, int d, float cos_e, int e) {
   return cos_d > cos_e || (cos_d == cos_e && d < e);

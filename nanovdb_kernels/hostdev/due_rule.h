@@ -138,11 +138,14 @@ template <class Flips>
   }
   const bool became_worse = score > point.stored.score;
   const int most = accessible ? score : flips.limit() - 1;
+  // Nothing is better than a best direction without collisions but what comes before it.
+  const DirectionMask around =
+      aroundNormal(approach, now.normal, accessible && score == 0 ? best.cosine : approach.normal_cos_min);
   bool some = false;
   ACCESSVDB_UNROLL
   for (int w = 0; w < kMaxDirectionWords; ++w) {
     const std::uint64_t better = masks.better_tool.word[w] | masks.better_arm.word[w];
-    std::uint64_t asked = now.seen.word[w] & (changed || became_worse ? ~std::uint64_t{0} : better);
+    std::uint64_t asked = now.seen.word[w] & around.word[w] & (changed || became_worse ? ~std::uint64_t{0} : better);
     if (accessible) asked = best.without(asked, w);
     asked = flips.notKnownWorse(w, asked, most);
     std::uint64_t candidates = 0;
@@ -192,9 +195,11 @@ template <class Flips>
     if (!takeKnownScore(flips, best.direction, due, score)) return due;
   }
   const int most = accessible ? score : flips.limit() - 1;
+  const DirectionMask around =
+      aroundNormal(point.approach, now.normal, accessible && score == 0 ? best.cosine : point.approach.normal_cos_min);
   ACCESSVDB_UNROLL
   for (int w = 0; w < kMaxDirectionWords; ++w) {
-    std::uint64_t asked = now.seen.word[w], candidates = 0;
+    std::uint64_t asked = now.seen.word[w] & around.word[w], candidates = 0;
     if (accessible) asked = best.without(asked, w);
     asked = flips.notKnownWorse(w, asked, most);
     for (; asked != 0; asked &= asked - 1) {

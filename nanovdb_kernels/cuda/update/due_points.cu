@@ -11,7 +11,7 @@
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kThreads = 256;
+constexpr unsigned kThreads = 256, kWarps = kThreads / kWarp;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
@@ -28,10 +28,10 @@ __device__ StoredScore storedScore(const PointStateView& points, std::size_t id)
   return {points.label[id], points.direction[id], points.score[id], points.rollOf(static_cast<std::uint32_t>(id))};
 }
 
-/// Whether bounds follow flips, and say that no collisions changed at a point that could matter.
-__device__ bool isCalm(const DueContext& context, std::uint32_t id) {
+/// Whether collisions at a scored point of an affected group may have changed so that it matters.
+__device__ bool toolMatters(const DueContext& context, std::uint32_t id) {
   const KnownView& known = context.evaluation.known;
-  return known.follows && !isSet(known.stirred_bits, id);
+  return !known.follows || isSet(known.stirred_bits, id);
 }
 
 /// What flips mean for a point; read only if the rule asks.
@@ -44,7 +44,7 @@ struct FlipsOfPoint {
     const std::uint32_t group = context.points.groupOf(id);
     if (context.masks.affected[group] == 0) return {};
     GroupMasks masks = context.masks.masks[group];
-    if (isCalm(context, id)) masks.better_tool = masks.worse_tool = {};
+    if (!toolMatters(context, id)) masks.better_tool = masks.worse_tool = {};
     return masks;
   }
   __device__ std::uint64_t notKnownWorse(int w, std::uint64_t asked, int most) const {
@@ -149,29 +149,53 @@ __global__ void dueAfterMoves(DueContext context, PointChunk part, const FoundNe
   takeDue(context, id, before, directionsOf(context.points.points, id), true);
 }
 
-/// One thread per block of points.
-__global__ void placeFlipped(DueContext context) {
-  const std::uint32_t block = blockIdx.x * kThreads + threadIdx.x;
+/// Calls visit(whether flips may matter to it, its place in the block) with one point of a block per lane, unless what
+/// is due there has been decided. All lanes. @param changed_bits  points where it has
+template <class Visit>
+__device__ void forEachNearFlips(const DueContext& context, std::uint32_t block, const std::uint32_t* changed_bits,
+                                 std::uint32_t lane, const Visit& visit) {
   const PointsView& points = context.points;
-  if (block >= points.index.blocks || context.masks.affected[points.groups.of_block[block]] == 0) return;
-  context.due.place[block] = atomicAdd(&context.due.counters->near_flips, points.index.count[block]);
+  const std::uint32_t group = points.groups.of_block[block];
+  if (context.masks.affected[group] == 0) return;
+  const bool better_arm = any(context.masks.masks[group].better_arm);
+  const std::uint32_t* const ids = points.index.ids + points.index.first[block];
+  const std::uint32_t count = points.index.count[block];
+  for (std::uint32_t first = 0; first < count; first += kWarp) {
+    const std::uint32_t n = first + lane, id = n < count ? ids[n] : kNoIndex;
+    const bool matters = id != kNoIndex && points.points.label[id] != PointLabel::Unscored &&
+                         !isSet(changed_bits, id) &&
+                         (better_arm || toolMatters(context, id) || FlipsOfPoint{context, id}.bestArmMayBeBlocked());
+    visit(matters, n);
+  }
+}
+
+/// One warp per block of points.
+__global__ void placeFlipped(DueContext context, const std::uint32_t* changed_bits) {
+  const std::uint32_t block = blockIdx.x * kWarps + threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
+  if (block >= context.points.index.blocks) return;
+  std::uint32_t count = 0;
+  forEachNearFlips(context, block, changed_bits, lane,
+                   [&](bool matters, std::uint32_t /*n*/) { count += __popc(__ballot_sync(kAllLanes, matters)); });
+  if (lane == 0) context.due.place[block] = count > 0 ? atomicAdd(&context.due.counters->near_flips, count) : kNoIndex;
 }
 
 /// One warp per block of points: they lie side by side, and read the same masks.
-__global__ void dueByFlips(DueContext context, std::uint32_t first, std::uint32_t count,
-                           const std::uint32_t* changed_bits) {
-  const std::uint32_t block = blockIdx.x * (kThreads / kWarp) + threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
+__global__ void __launch_bounds__(kThreads)
+    dueByFlips(DueContext context, std::uint32_t first, std::uint32_t count, const std::uint32_t* changed_bits) {
+  __shared__ std::uint16_t all_places[kWarps][kMostInBlock];
+  const std::uint32_t block = blockIdx.x * kWarps + threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   const PointsView& points = context.points;
-  if (block >= points.index.blocks || context.masks.affected[points.groups.of_block[block]] == 0) return;
-  if (context.due.place[block] - first >= count) return;
-  const GroupMasks& masks = context.masks.masks[points.groups.of_block[block]];
-  const bool better_arm = any(masks.better_arm);
-  const std::uint32_t* const ids = points.index.ids + points.index.first[block];
-  for (std::uint32_t n = lane; n < points.index.count[block]; n += kWarp) {
-    const std::uint32_t id = ids[n];
-    if (!better_arm && isCalm(context, id) && !FlipsOfPoint{context, id}.bestArmMayBeBlocked()) continue;
-    if (points.points.label[id] == PointLabel::Unscored) continue;
-    if (isSet(changed_bits, id)) continue;  // already handed on
+  if (block >= points.index.blocks || context.due.place[block] - first >= count) return;
+  std::uint16_t* const places = all_places[threadIdx.x / kWarp];
+  std::uint32_t listed = 0;
+  forEachNearFlips(context, block, changed_bits, lane, [&](bool matters, std::uint32_t n) {
+    const unsigned all = __ballot_sync(kAllLanes, matters);
+    if (matters) places[listed + __popc(all & ((1u << lane) - 1u))] = static_cast<std::uint16_t>(n);
+    listed += __popc(all);
+  });
+  __syncwarp();
+  for (std::uint32_t n = lane; n < listed; n += kWarp) {
+    const std::uint32_t id = points.index.ids[points.index.first[block] + places[n]];
     const PointDirections now = directionsOf(points.points, id);
     takeDue(context, id, now, now, false);
   }
@@ -204,9 +228,10 @@ void launchDueAfterMoves(const DueContext& context, const PointChunk& part, cons
   checkLaunch("dueAfterMoves");
 }
 
-void launchPlaceFlipped(const DueContext& context, cudaStream_t stream) {
+void launchPlaceFlipped(const DueContext& context, const std::uint32_t* changed_bits, cudaStream_t stream) {
   if (context.points.index.blocks == 0) return;
-  placeFlipped<<<blocksFor(context.points.index.blocks), kThreads, 0, stream>>>(context);
+  placeFlipped<<<blocksFor(std::uint64_t{context.points.index.blocks} * kWarp), kThreads, 0, stream>>>(context,
+                                                                                                       changed_bits);
   checkLaunch("placeFlipped");
 }
 

@@ -71,7 +71,9 @@ class BlockFollower {
       high[axis] = (leaf_[axis] * 8 + arcs.low[axis] + arcs.size[axis] - ArcsView::kMargin + 6) >> 3;
     }
     std::uint32_t voxels = 0;
-    forEachTile(low, high, [&](const Tile& tile, bool /*last*/) { voxels += __reduce_add_sync(kAllLanes, tile.end - tile.begin); });
+    forEachTile(low, high, [&](const Tile& tile, bool /*last*/) {
+      voxels += __reduce_add_sync(kAllLanes, tile.end - tile.begin);
+    });
     if (voxels == 0) return;
     const auto points = static_cast<std::uint32_t>(points_);
     if (std::uint64_t{voxels} * ((points + kWarp - 1) / kWarp) > kMostPerPoint * points) return lowerAll();
@@ -85,7 +87,8 @@ class BlockFollower {
     std::uint32_t begin = 0, end = 0;    ///< of FlipsView::by_layer
   };
 
-  /// Calls visit(tile, whether these are the last ones) with a tile per lane. All lanes. @param low, high  [leaves] inclusive
+  /// Calls visit(tile, whether these are the last ones) with a tile per lane. All lanes. @param low, high  [leaves]
+  /// inclusive
   template <class Visit>
   __device__ void forEachTile(const std::int32_t (&low)[3], const std::int32_t (&high)[3], const Visit& visit) const {
     constexpr int kLog2[3] = {FlipsView::kTileLog2, FlipsView::kTileLog2, 4};

@@ -78,7 +78,7 @@ void ToolUpdate::takeMoved(const PointChunk& part, const FoundNeighbourhood* bef
 
 void ToolUpdate::takeFlipped() {
   if (masks_.masks().affected == nullptr) return;
-  launchPlaceFlipped(dueContext(), stream());
+  launchPlaceFlipped(dueContext(), setting_.changed_bits, stream());
   const UpdateCounters counters = counters_.read(stream());
   const std::uint32_t points = counters.search.near_flips;
   items_ = counters.search.due;

@@ -115,11 +115,10 @@ void launchStoreNeighbours(const PointsView& points, const PointChunk& part, Fou
 /// Decides what is due at those that changed. @param before  [part.count] from launchStoreNeighbours, like the bits
 void launchDueAfterMoves(const DueContext& context, const PointChunk& part, const FoundNeighbourhood* before,
                          const std::uint32_t* changed_bits, cudaStream_t stream);
-/// Numbers the points of blocks that flips lie near, those of a block one after the other: counters.near_flips in all.
-/// Needs the masks.
-void launchPlaceFlipped(const DueContext& context, cudaStream_t stream);
-/// Decides what is due because of flips alone, in blocks whose first point has one of the numbers [first, first +
-/// count). @param changed_bits  points to skip
+/// Numbers the points at which flips may matter, those of a block one after the other: counters.near_flips in all.
+/// @param changed_bits  points to skip: what is due there has been decided
+void launchPlaceFlipped(const DueContext& context, const std::uint32_t* changed_bits, cudaStream_t stream);
+/// Decides what is due at those of blocks whose first one has one of the numbers [first, first + count).
 void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,
                       const std::uint32_t* changed_bits, cudaStream_t stream);
 /// Decides what is due at points whose turn it is: whatever may have changed since their last evaluation. Ends their

@@ -277,11 +277,11 @@ struct KnownView {
   /// say that any may have.
   std::uint16_t* lost = nullptr;
   std::uint32_t* counted_bits = nullptr;  ///< [n / 32] points with any bound that is known
-  /// [n / 32] where bounds follow flips, points at which collisions may have become fewer in this update, or more in the
-  /// best direction. At the others flips change nothing but corridors.
+  /// [n / 32] where bounds follow flips, points at which collisions may have become fewer in this update, or more in
+  /// the best direction. At the others flips change nothing but corridors.
   std::uint32_t* stirred_bits = nullptr;
-  KnownSlots slots;                       ///< words of eight directions
-  int count_to = 0;                       ///< collisions are counted up to here, to remember them
+  KnownSlots slots;  ///< words of eight directions
+  int count_to = 0;  ///< collisions are counted up to here, to remember them
   KnownLevels scale;
 
   /// Whether anything is remembered.
@@ -303,7 +303,7 @@ struct DueView {
   std::uint32_t* busy = nullptr;    ///< blocks with a head
   std::uint32_t* order = nullptr;   ///< items with some directions in question, block by block
   std::uint32_t* whole = nullptr;   ///< items that need all directions
-  std::uint32_t* place = nullptr;   ///< [blocks] number of a block's first point (launchPlaceFlipped)
+  std::uint32_t* place = nullptr;   ///< [blocks] number of a block's first point, or kNoIndex (launchPlaceFlipped)
   std::uint8_t* waiting = nullptr;  ///< [n] WaitingFlag; null: what is due is evaluated at once
   SearchCounters* counters = nullptr;
 };
