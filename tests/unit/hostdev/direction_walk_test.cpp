@@ -77,6 +77,50 @@ TEST_P(DirectionWalkOrder, EqualsAFullSort) {
   }
 }
 
+/// Normals of all kinds: level, steep, straight up, and so flat that their yaw is rounding; exactly at directions or
+/// not.
+Eigen::Vector3f anyNormal(std::mt19937_64& random, int num_directions, int n) {
+  if (n % 16 == 5) return {0, 0, n % 32 == 5 ? 1.0f : -1.0f};
+  const double yaw =
+      n % 4 == 0 ? 3.141592653589793 * below(random, 2 * num_directions) / num_directions : between(random, -3.2, 6.3);
+  const double lean = n % 3 == 0 ? 0 : n % 7 == 0 ? 1.5707 + between(random, -2e-3, 2e-3) : between(random, -1.5, 1.5);
+  return {static_cast<float>(std::cos(yaw) * std::cos(lean)), static_cast<float>(std::sin(yaw) * std::cos(lean)),
+          static_cast<float>(std::sin(lean))};
+}
+
+/// None is missing that has that cosine, and of those beside the arc there are few.
+TEST_P(DirectionWalkOrder, AroundANormalIsEveryDirectionOfACosine) {
+  const int num_directions = GetParam();
+  std::mt19937_64 random(static_cast<std::uint64_t>(num_directions) + 1);
+  const ApproachFixture approach(num_directions, {});
+  std::size_t inside = 0, outside = 0;
+  for (int n = 0; n < 20000; ++n) {
+    const Eigen::Vector3f normal = anyNormal(random, num_directions, n);
+    const float of_one = kernels::cosToNormal(approach.view, below(random, num_directions), normal.data());
+    const float least = n % 2 == 0 ? of_one : static_cast<float>(between(random, -1.1, 1.1));
+    const kernels::DirectionMask around = kernels::aroundNormal(approach.view, normal.data(), least);
+    int has = 0, taken = 0;
+    for (int d = 0; d < num_directions; ++d) {
+      const bool wanted = kernels::cosToNormal(approach.view, d, normal.data()) >= least;
+      ASSERT_TRUE(!wanted || around.test(d)) << "direction " << d << ", normal " << normal.transpose() << ", " << least;
+      has += wanted ? 1 : 0;
+    }
+    kernels::forEachDirection(around, [&](int d) {
+      ASSERT_LT(d, num_directions);
+      ++taken;
+    });
+    inside += static_cast<std::size_t>(has);
+    outside += static_cast<std::size_t>(num_directions - taken);
+    if (normal.head<2>().norm() > 0.1f && has > 0 && has + 10 < num_directions) {
+      ASSERT_LE(taken, has + 5);
+    }
+  }
+  EXPECT_GT(inside, 1000u);
+  if (num_directions > 16) {
+    EXPECT_GT(outside, 1000u);
+  }
+}
+
 /// Directions of any kind, and yaws that do not count on being yaws, in the same order.
 TEST_P(DirectionWalkOrder, OfAnyKindEqualsAFullSort) {
   const int num_directions = GetParam();
