@@ -94,6 +94,7 @@ class ACCESSVDB_API StoredField {
     Eigen::Vector3d position_W;
     std::optional<SurfacePoint> point;  ///< the surface point of that voxel, else the nearest within 3 voxels
     double point_distance_m = 0;        ///< from the position to that point
+    std::vector<std::pair<std::string, std::int32_t>> attributes = {};  ///< of that point: what its returns carried
     bool observed = false, cleared = false;
     float distance_m = 0, weight = 0;
   };

@@ -74,6 +74,9 @@ struct ScanInputOptions {
   /// From the sensor to each point of clouds in the world frame whose true rays are not known: (0,0,-10) for a flight
   /// above them. What is between is taken to be free.
   std::optional<Eigen::Vector3d> ray_W = {};
+  /// Names of what the returns carry (attributes.h): dimensions and extra bytes of LAS, properties of PLY, fields of
+  /// PCD and PointCloud2, whole numbers all of them. Case and underscores do not matter.
+  std::vector<std::string> carry = {};
 };
 
 /// Something about the input that is most likely a mistake, or a loss.
@@ -89,8 +92,9 @@ struct ScanRecord {
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
   std::vector<Eigen::Vector3d> points_W;
   std::vector<Eigen::Vector3d> origins_W;
-  double stamp_s = 0;  ///< 0 where unknown
-  double step_m = 0;   ///< between coordinates that are next to each other, where the file says it (LAS); else 0
+  std::vector<std::int32_t> attributes;  ///< [points x ScanInputOptions::carry], row by row
+  double stamp_s = 0;                    ///< 0 where unknown
+  double step_m = 0;  ///< between coordinates that are next to each other, where the file says it (LAS); else 0
   std::string path;
   std::uint64_t truncated_points = 0;  ///< records announced by the header but missing in the file
   std::uint64_t excluded_points = 0;   ///< left out: inside ScanInputOptions::exclude_box_S

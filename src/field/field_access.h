@@ -28,9 +28,9 @@ struct FieldCounts {
 
 struct FieldAccess {
   /// Fuses returns that passed a gate before (ScanGate), as it left them: in the local frame, metres, float32. Ranges
-  /// are not checked again. @param q_L  [n] or [1] sensor positions
+  /// are not checked again. @param q_L  [n] or [1] sensor positions  @param attributes  as for integrateScan()
   static FrameStats integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
-                                   std::span<const Eigen::Vector3f> q_L);
+                                   std::span<const Eigen::Vector3f> q_L, std::span<const std::int32_t> attributes = {});
   /// @param tools  named @throws UnusableInput "state.tool" if the state is not of these
   [[nodiscard]] static AccessibilityField load(StateReader& state, const std::vector<ToolSpec>& tools,
                                                BackendKind backend, int threads, const TableProgress& progress = {});

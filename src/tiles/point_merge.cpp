@@ -71,14 +71,15 @@ void writeHeader(std::ostream& stream, const TilePointsHeader& header, std::uint
   }
 }
 
-internal::LasContent lasContent(const Plan& plan, const std::vector<Tile>& tiles, std::uint64_t points) {
+internal::LasContent lasContent(const Plan& plan, const std::vector<Tile>& tiles, std::uint64_t points,
+                                const std::vector<std::string>& carried) {
   Eigen::AlignedBox3d box;
   for (const Tile& tile : tiles) {
     if (tile.points == 0) continue;
     box.extend(Eigen::Vector3d(tile.min_W[0], tile.min_W[1], tile.min_W[2]));
     box.extend(Eigen::Vector3d(tile.max_W[0], tile.max_W[1], tile.max_W[2]));
   }
-  return {{plan.origin_W[0], plan.origin_W[1], plan.origin_W[2]}, box.min(), box.max(), points};
+  return {{plan.origin_W[0], plan.origin_W[1], plan.origin_W[2]}, box.min(), box.max(), points, carried};
 }
 
 }  // namespace
@@ -117,8 +118,12 @@ std::uint64_t mergePoints(const std::filesystem::path& out, const Plan& plan, co
   }
   io::writeFileDurably(file, [&](std::ostream& stream) {
     if (file.extension() == ".las") {
-      internal::LasWriter writer(stream, lasContent(plan, tiles, points));
-      forEachRecord([&](const char* record) { writer.add(internal::pointOfRecord(record, columns)); });
+      internal::LasWriter writer(stream, lasContent(plan, tiles, points, streams.front().header().carried));
+      std::vector<std::int32_t> carried(columns.carried);
+      forEachRecord([&](const char* record) {
+        for (std::size_t c = 0; c < carried.size(); ++c) carried[c] = internal::carriedOfRecord(record, columns, c);
+        writer.add(internal::pointOfRecord(record, columns), carried);
+      });
     } else {
       writeHeader(stream, streams.front().header(), points, deviceOf(tiles));
       forEachRecord(

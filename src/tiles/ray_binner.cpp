@@ -40,8 +40,9 @@ class StepSorter {
       std::vector<std::uint32_t>& returns = returns_of_[tile];
       gather(scan.p_L, returns, p_L_);
       if (own) gather(scan.q_L, returns, q_L_);
+      gatherRows(scan.attributes, scan.p_L.size(), returns);
       // One return with its own sensor has one sensor, as it should.
-      buffer.add(tile, step, p_L_, own ? std::span<const Eigen::Vector3f>(q_L_) : scan.q_L);
+      buffer.add(tile, step, p_L_, own ? std::span<const Eigen::Vector3f>(q_L_) : scan.q_L, attributes_);
       stored += returns.size();
       returns.clear();
     }
@@ -85,11 +86,21 @@ class StepSorter {
     for (std::size_t n = 0; n < which.size(); ++n) to[n] = from[which[n]];
   }
 
+  void gatherRows(const std::vector<std::int32_t>& from, std::size_t rows, const std::vector<std::uint32_t>& which) {
+    const std::size_t width = from.size() / rows;
+    attributes_.resize(which.size() * width);
+    for (std::size_t n = 0; n < which.size(); ++n) {
+      std::copy_n(from.begin() + static_cast<std::ptrdiff_t>(which[n] * width), width,
+                  attributes_.begin() + static_cast<std::ptrdiff_t>(n * width));
+    }
+  }
+
   TileGrid grid_;
   float inverse_voxel_size_;
   std::unordered_map<TileIndex, std::vector<std::uint32_t>, Hash> returns_of_;
   std::vector<TileIndex> touched_;
   std::vector<Eigen::Vector3f> p_L_, q_L_;
+  std::vector<std::int32_t> attributes_;
 };
 
 /// Reads steps and writes shards.
@@ -100,7 +111,7 @@ class Binner {
         flights_(flights),
         watch_(watch),
         params_(job.params.resolved()),
-        gate_(params_.tsdf, job.plan.origin_W),
+        gate_(params_.tsdf, job.plan.origin_W, std::nullopt, params_.carry.size()),
         sorter_(job.plan, params_.tsdf) {
     for (const Flight& flight : job.plan.flights) {
       for (const PlannedInput& input : flight.inputs) planned_.emplace(input.path, &input);
@@ -144,8 +155,9 @@ class Binner {
   }
   void add(std::uint32_t step, const io::ScanRecord& record, ShardIndex& index) {
     FrameStats stats;
-    const internal::GatedScan& scan = record.points_W.empty() ? gate_.gate(record.points_S, record.T_W_S, stats)
-                                                              : gate_.gate(record.points_W, record.origins_W, stats);
+    const internal::GatedScan& scan = record.points_W.empty()
+                                          ? gate_.gate(record.points_S, record.T_W_S, stats, record.attributes)
+                                          : gate_.gate(record.points_W, record.origins_W, stats, record.attributes);
     if (!scan.p_L.empty()) sorter_.addTo(buffer_, step, scan);
     index.points_in += stats.points_in;
     index.points_used += stats.points_used;

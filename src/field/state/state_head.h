@@ -21,8 +21,11 @@ inline constexpr std::uint32_t kOrientedStateSchema = 7;
 inline constexpr std::uint32_t kRolledStateSchema = 8;
 /// Added to any of them for ChangeMode::Full, whose states hold more.
 inline constexpr std::uint32_t kFullChangeSchema = 10;
+/// Added to any of them for fields whose returns carry attributes, whose states hold these, too.
+inline constexpr std::uint32_t kCarryingSchema = 20;
 
 [[nodiscard]] constexpr std::uint32_t plainSchema(std::uint32_t schema) {
+  if (schema > kCarryingSchema) schema -= kCarryingSchema;
   return schema > kFullChangeSchema ? schema - kFullChangeSchema : schema;
 }
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
@@ -31,7 +34,8 @@ inline constexpr std::uint32_t kFullChangeSchema = 10;
 }
 /// @param params  of a field, where the number of rolls is known
 [[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params) {
-  const std::uint32_t more = params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0;
+  const std::uint32_t more =
+      (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) + (params.carry.empty() ? 0 : kCarryingSchema);
   if (params.approach.rolls > 1) return kRolledStateSchema + more;
   return (params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema) + more;
 }
@@ -59,8 +63,9 @@ struct StateHead {
   std::optional<double> latest_stamp_s;     ///< of all scans; nothing while none had one
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
-  std::uint64_t left_out_leaves = 0;  ///< LeftOutVoxels
-  std::uint64_t closed_cubes = 0;     ///< LeftOutPoints
+  std::uint64_t split_points = 0, votes = 0;  ///< PointAttributes, over all columns; only where returns carry some
+  std::uint64_t left_out_leaves = 0;          ///< LeftOutVoxels
+  std::uint64_t closed_cubes = 0;             ///< LeftOutPoints
   std::uint32_t closed_doublings = 0;
   // Only for ChangeMode::Full.
   double age_s = 0;  ///< FreeGenerations::age_s()

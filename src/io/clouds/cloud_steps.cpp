@@ -47,9 +47,11 @@ void CloudSteps::open(std::size_t file) {
 
 void CloudSteps::findSteps() {
   TrajectoryCoverage coverage;
+  CarriedCheck carried(input_.read.carry);
   for (std::size_t file = 0; file < input_.files.size(); ++file) {
     file_bytes_.push_back(inputFileSize(input_.files[file]));
     open(file);
+    carried.note(reader_->carried(), forMessage(input_.files[file].native()));
     CloudTotals totals;
     bool all_unit = true;
     std::size_t room = 0;  // in the step that is being filled
@@ -77,6 +79,7 @@ void CloudSteps::findSteps() {
     }
     checkReader(totals, all_unit);
   }
+  carried.require();
   if (steps_.empty())
     throw UnusableInput("input.no_points", forMessage(input_.files.front().parent_path().native()),
                         "contains no points in any of its " + std::to_string(input_.files.size()) + " files",
@@ -147,6 +150,10 @@ void CloudSteps::append(const PointCloud& part, ScanRecord& record) {
       record.origins_W.push_back(part.points[i] + part.ray_vectors[i]);
     }
     record.points_W.push_back(part.points[i]);
+    const auto row = part.attributes.begin() + static_cast<std::ptrdiff_t>(i * input_.read.carry.size());
+    if (!part.attributes.empty())
+      record.attributes.insert(record.attributes.end(), row,
+                               row + static_cast<std::ptrdiff_t>(input_.read.carry.size()));
   }
 }
 

@@ -43,12 +43,14 @@ void takeProjection(ByteSource& file, const LasRecordList& list, LasProjection& 
         list.extended ? loadScalar<std::uint64_t>(&head[20]) : loadScalar<std::uint16_t>(&head[20]);
     at += head_bytes;
     if (bytes > list.end - at) return void(to.cut_off = true);
-    std::optional<std::string>* const wanted = !(user == "LASF_Projection" || (liblas && id == 2112)) ? nullptr
-                                               : id == 34735                                          ? &to.geo_keys
-                                               : id == 34736                                          ? &to.geo_doubles
-                                               : id == 34737                                          ? &to.geo_texts
-                                               : id == 2112                                           ? &to.wkt
-                                                                                                      : nullptr;
+    const bool extra = user == "LASF_Spec" && id == 4;
+    std::optional<std::string>* const wanted = extra ? &to.extra_bytes
+                                               : !(user == "LASF_Projection" || (liblas && id == 2112)) ? nullptr
+                                               : id == 34735                                            ? &to.geo_keys
+                                               : id == 34736 ? &to.geo_doubles
+                                               : id == 34737 ? &to.geo_texts
+                                               : id == 2112  ? &to.wkt
+                                                             : nullptr;
     if (wanted != nullptr && bytes <= kMostBytes && !*wanted) {
       const std::string_view body = file.view(at, static_cast<std::size_t>(bytes));
       if (body.size() < bytes) return void(to.cut_off = true);
@@ -59,6 +61,8 @@ void takeProjection(ByteSource& file, const LasRecordList& list, LasProjection& 
 }
 
 }  // namespace
+
+std::uint64_t lasFormatBytes(int format) { return kFormatBytes[static_cast<std::size_t>(format)]; }
 
 void refuseCutHeader(const std::string& subject, std::uint64_t bytes, std::uint64_t needed) {
   throw InputError("input.truncated", subject,

@@ -27,6 +27,8 @@ struct LasFileHeader {
 /// @throws InputError
 [[nodiscard]] LasFileHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t> size,
                                            const std::string& subject);
+/// Least bytes of a record; extra bytes are behind them. @param format  0 .. 10
+[[nodiscard]] std::uint64_t lasFormatBytes(int format);
 [[noreturn]] void refuseCutHeader(const std::string& subject, std::uint64_t bytes, std::uint64_t needed);
 
 /// The records of the projection, before the points and, in a file of version 1.4, behind them. A file of LAZ has them

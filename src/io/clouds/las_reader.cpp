@@ -9,6 +9,7 @@
 #include "accessvdb/error.h"
 #include "io/clouds/binary_records.h"
 #include "io/clouds/decoder_pipe.h"
+#include "io/clouds/las_fields.h"
 #include "io/clouds/las_header.h"
 #include "io/clouds/point_cloud.h"
 #include "io/clouds/point_times.h"
@@ -64,7 +65,9 @@ class LasReader final : public CloudReader {
     const std::uint64_t points = size ? available(*size) : header_.points;
     records_ = {header_.data_offset, header_.record_bytes, points};
     const bool has_own = original && original->view(0, 4).substr(0, 4) == "LASF";
-    toMetres(readLasProjection(has_own ? *original : *source_));
+    const LasProjection projection = readLasProjection(has_own ? *original : *source_);
+    toMetres(projection);
+    carried_ = CarriedFields(lasFields(header_, projection.extra_bytes.value_or("")), options_.carry, subject_);
   }
 
   PointCloud next(std::size_t count) override {
@@ -89,6 +92,7 @@ class LasReader final : public CloudReader {
   [[nodiscard]] Place place() const override { return {0, at_, 0}; }
   void seek(const Place& place) override { at_ = place.record; }
   [[nodiscard]] std::uint64_t expectedPoints() const override { return source_->size() ? records_.count - at_ : 0; }
+  [[nodiscard]] const CarriedFields* carried() const override { return &carried_; }
   [[nodiscard]] Eigen::Vector3d unit_m() const override { return units_.metres; }
   [[nodiscard]] double step_m() const override { return header_.scale.maxCoeff(); }
   [[nodiscard]] std::string unitDoubt() const override { return units_.doubt; }
@@ -148,6 +152,7 @@ class LasReader final : public CloudReader {
       inside = inside && p >= header_.min[axis] - header_.scale[axis] && p <= header_.max[axis] + header_.scale[axis];
     }
     part.points.push_back(point);
+    if (carried_.size() > 0) carried_.append(record, false, part.attributes);
     part.outside_points += inside ? 0 : 1;
     if (!options_.times) return;
     const auto time = loadScalar<double>(record + kTimeOffset[header_.format]);
@@ -160,6 +165,7 @@ class LasReader final : public CloudReader {
   ReadOptions options_;
   LasFileHeader header_;
   LasUnits units_;
+  CarriedFields carried_;
   BinaryRecords records_;
   std::optional<double> time_unit_s_;  ///< by the first time
   std::uint64_t at_ = 0, truncated_points_ = 0;

@@ -42,7 +42,8 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
       exclude_box_S_(options.exclude_box_S),
       deskew_(options.deskew),
       time_offset_s_(options.time_offset_s),
-      max_gap_s_(options.max_gap_s) {
+      max_gap_s_(options.max_gap_s),
+      carry_(options.carry) {
   for (const auto& file : files_) recordings_.push_back(openRecording(file, kind, options.allow_truncated));
   RecordingIndex index = indexRecording({.files = files_,
                                          .kind = kind,
@@ -88,6 +89,7 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
     warnOfTilt(index);
   }
   keepPosed(std::move(cloud.clouds), options);
+  requireCarried();
   chooseTimes(cloud);
 }
 
@@ -320,8 +322,9 @@ bool RecordingSteps::removeMotion(const IndexedCloud& indexed, const bags::Cloud
     record.skipped = "the cloud at " + secondsText(indexed.stamp_ns) + " s has times that are not those of its scan";
     return true;
   }
-  TimedScan scan = {points_S,        times,         *scale_, seconds(indexed.stamp_ns) - time_offset_s_,
-                    posed.T_W_cloud, exclude_box_S_};
+  const std::vector<std::int32_t> attributes = attributesOf(cloud);
+  TimedScan scan = {points_S,        times,          *scale_,   seconds(indexed.stamp_ns) - time_offset_s_,
+                    posed.T_W_cloud, exclude_box_S_, attributes};
   MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) -> std::optional<Eigen::Isometry3d> {
     const auto at = poseAt(indexed.frame, indexed.stamp_ns + ms * 1'000'000);
     if (!at) return std::nullopt;
@@ -385,16 +388,19 @@ ScanRecord RecordingSteps::read(std::size_t step) {
     if (!uses_[indexed.frame].registered) {
       if (scale_ && removeMotion(indexed, cloud, *posed, record)) return record;
       bags::appendPoints(cloud, record.points_S);
+      record.attributes = attributesOf(cloud);
       if (exclude_box_S_)
-        record.excluded_points = leaveOutInside(*exclude_box_S_, Eigen::Isometry3d::Identity(), record.points_S);
+        record.excluded_points =
+            leaveOutInside(*exclude_box_S_, Eigen::Isometry3d::Identity(), record.points_S, record.attributes);
       return record;
     }
     bags::appendPoints(cloud, record.points_W);
+    record.attributes = attributesOf(cloud);
     if (!posed->T_W_cloud.matrix().isIdentity(0))
       for (Eigen::Vector3d& p : record.points_W) p = posed->T_W_cloud * p;
     if (exclude_box_S_)
-      record.excluded_points =
-          leaveOutInside(*exclude_box_S_, posed->T_W_sensor.inverse(Eigen::Isometry), record.points_W);
+      record.excluded_points = leaveOutInside(*exclude_box_S_, posed->T_W_sensor.inverse(Eigen::Isometry),
+                                              record.points_W, record.attributes);
     record.origins_W = {posed->T_W_sensor.translation()};
     record.T_W_S = Eigen::Isometry3d::Identity();
     return record;

@@ -25,7 +25,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
 
 /// Types of the specification's table "Extra Bytes".
-enum class ExtraType : std::uint8_t { U8 = 1, U16 = 3, F32 = 9 };
+enum class ExtraType : std::uint8_t { U8 = 1, U16 = 3, I32 = 6, F32 = 9 };
 
 #pragma pack(push, 1)
 struct LasHeader {
@@ -95,6 +95,44 @@ constexpr std::array<Column, 5> kColumns = {{{ExtraType::U8, "label", "0 unscore
                                              {ExtraType::F32, "confidence", "0 up to below 1"},
                                              {ExtraType::F32, "yaw", "of the direction, degrees"}}};
 
+/// Dimensions of the point itself: readers do not expect a column of extra bytes of such a name.
+constexpr std::string_view kClass = "classification";
+constexpr std::array<std::string_view, 22> kDimensions = {"x",
+                                                          "y",
+                                                          "z",
+                                                          "intensity",
+                                                          "return_number",
+                                                          "number_of_returns",
+                                                          "synthetic",
+                                                          "key_point",
+                                                          "withheld",
+                                                          "overlap",
+                                                          "scanner_channel",
+                                                          "scan_direction_flag",
+                                                          "edge_of_flight_line",
+                                                          "user_data",
+                                                          "scan_angle",
+                                                          "scan_angle_rank",
+                                                          "point_source_id",
+                                                          "gps_time",
+                                                          "red",
+                                                          "green",
+                                                          "blue",
+                                                          "classification"};
+constexpr std::uint8_t kHasNoData = 1;  // in the options of extra bytes
+
+std::string lower(std::string text) {
+  for (char& c : text) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return text;
+}
+
+std::string extraName(const std::string& carried) {
+  const bool taken = std::find(kDimensions.begin(), kDimensions.end(), lower(carried)) != kDimensions.end();
+  return taken ? "carried_" + carried : carried;
+}
+
 template <std::size_t kSize>
 void copyText(char (&to)[kSize], const std::string& text) {
   std::memcpy(to, text.data(), std::min(kSize, text.size()));
@@ -118,8 +156,10 @@ std::int32_t stored(double x_W, double origin_W) {
 LasHeader headerOf(const LasContent& content) {
   LasHeader header;
   copyText(header.software, std::string("AccessVDB ") + programVersion());
-  header.data_offset = sizeof(LasHeader) + sizeof(RecordHead) + kColumns.size() * sizeof(ExtraBytes);
-  header.point_bytes = sizeof(LasPoint);
+  const std::size_t columns = kColumns.size() + content.carried.size();
+  header.data_offset =
+      static_cast<std::uint32_t>(sizeof(LasHeader) + sizeof(RecordHead) + columns * sizeof(ExtraBytes));
+  header.point_bytes = static_cast<std::uint16_t>(sizeof(LasPoint) + content.carried.size() * sizeof(std::int32_t));
   header.points = header.by_return[0] = content.points;
   for (int axis = 0; axis < 3; ++axis) {
     const double origin_W = content.origin_W[axis];
@@ -136,7 +176,7 @@ LasHeader headerOf(const LasContent& content) {
 LasWriter::LasWriter(std::ostream& stream, const LasContent& content) : stream_(stream), origin_W_(content.origin_W) {
   write(stream_, headerOf(content));
   RecordHead head;
-  head.bytes = kColumns.size() * sizeof(ExtraBytes);
+  head.bytes = static_cast<std::uint16_t>((kColumns.size() + content.carried.size()) * sizeof(ExtraBytes));
   write(stream_, head);
   for (const Column& column : kColumns) {
     ExtraBytes extra;
@@ -145,9 +185,20 @@ LasWriter::LasWriter(std::ostream& stream, const LasContent& content) : stream_(
     copyText(extra.description, column.description);
     write(stream_, extra);
   }
+  for (std::size_t n = 0; n < content.carried.size(); ++n) {
+    if (lower(content.carried[n]) == kClass) class_ = n;
+    ExtraBytes extra;
+    extra.type = ExtraType::I32;
+    extra.options = kHasNoData;
+    copyText(extra.name, extraName(content.carried[n]));
+    copyText(extra.description, "of most of the point's returns");
+    const std::int64_t none = kNoAttribute;
+    std::memcpy(extra.no_data, &none, sizeof none);
+    write(stream_, extra);
+  }
 }
 
-void LasWriter::add(const SurfacePoint& point) {
+void LasWriter::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
   LasPoint record;
   for (int axis = 0; axis < 3; ++axis) record.xyz[axis] = stored(point.position_W[axis], origin_W_[axis]);
   const auto colour = colourOf(point.label);
@@ -157,7 +208,11 @@ void LasWriter::add(const SurfacePoint& point) {
   record.score = point.score;
   record.confidence = point.confidence;
   record.yaw_deg = static_cast<float>(point.yaw_rad * kDegreesPerRadian);
+  if (class_ && carried[*class_] >= 0 && carried[*class_] <= std::numeric_limits<std::uint8_t>::max()) {
+    record.classification = static_cast<std::uint8_t>(carried[*class_]);
+  }
   write(stream_, record);
+  for (const std::int32_t value : carried) write(stream_, value);
 }
 
 }  // namespace accessvdb::internal
@@ -165,14 +220,18 @@ void LasWriter::add(const SurfacePoint& point) {
 namespace accessvdb::io {
 
 void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points) {
-  internal::LasContent content = {points.origin_W(), {}, {}, points.size()};
+  internal::LasContent content = {points.origin_W(), {}, {}, points.size(), points.attributeNames()};
   Eigen::AlignedBox3d box;
   for (std::size_t n = 0; n < points.size(); ++n) box.extend(points.position_W(n));
   content.min_W = box.min();
   content.max_W = box.max();
   writeFileDurably(path, [&](std::ostream& stream) {
     internal::LasWriter writer(stream, content);
-    for (std::size_t n = 0; n < points.size(); ++n) writer.add(points.at(n));
+    std::vector<std::int32_t> carried(content.carried.size());
+    for (std::size_t n = 0; n < points.size(); ++n) {
+      for (std::size_t c = 0; c < carried.size(); ++c) carried[c] = points.attribute(n, c);
+      writer.add(points.at(n), carried);
+    }
   });
 }
 

@@ -7,6 +7,10 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <iosfwd>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
 
 #include "accessvdb/types.h"
 
@@ -19,6 +23,7 @@ struct LasContent {
   Eigen::Vector3d origin_W;      ///< coordinates are stored relative to it, world frame, metres
   Eigen::Vector3d min_W, max_W;  ///< bounds of the points
   std::uint64_t points = 0;
+  std::vector<std::string> carried = {};  ///< names of what the returns carried
 };
 
 /// Writes the points one after the other.
@@ -27,11 +32,13 @@ class LasWriter {
   /// Writes the header and its records.
   LasWriter(std::ostream& stream, const LasContent& content);
   /// @throws OutputError "output.las_range" for a point farther from the origin than LAS can store, 214 km
-  void add(const SurfacePoint& point);
+  /// @param carried  [LasContent::carried]
+  void add(const SurfacePoint& point, std::span<const std::int32_t> carried);
 
  private:
   std::ostream& stream_;
   Eigen::Vector3d origin_W_;
+  std::optional<std::size_t> class_;  ///< which of the carried values is the point's class
 };
 
 }  // namespace accessvdb::internal

@@ -40,12 +40,18 @@ MovedScan removeMotion(const TimedScan& scan, const PoseAtMillisecond& poseAt) {
                          scan.scale.absolute ? scan.stamp_s / scan.scale.unit_s : 0};
   const TimeSpan known[] = {span.value_or(none)};
   const ScanMotion motion(poseAt, offsetRange(known, scan.scale));
+  const std::size_t width = count == 0 ? 0 : scan.attributes.size() / count;
+  const auto keepAttributes = [&](std::size_t i) {
+    const auto row = scan.attributes.subspan(i * width, width);
+    moved.attributes.insert(moved.attributes.end(), row.begin(), row.end());
+  };
   for (std::size_t i = 0; i < count; ++i) {
     const Eigen::Vector3d p_S = scan.points_S[i].cast<double>();
     if (!isReturn(scan.points_S[i])) {
       const Eigen::Vector3d sensor_W = scan.T_W_S.translation();
       moved.origins_W.push_back(sensor_W);
       moved.points_W.push_back(p_S.isZero(0) ? sensor_W : p_S);
+      keepAttributes(i);
       continue;
     }
     if (scan.exclude_box_S && scan.exclude_box_S->contains(p_S)) {
@@ -60,6 +66,7 @@ MovedScan removeMotion(const TimedScan& scan, const PoseAtMillisecond& poseAt) {
     }
     moved.points_W.push_back(*T_W_S * p_S);
     moved.origins_W.emplace_back(T_W_S->translation());
+    keepAttributes(i);
   }
   return moved;
 }
@@ -79,6 +86,7 @@ bool areTimesOf(const std::vector<Eigen::Vector3f>& points_S, const std::vector<
 void takeMoved(MovedScan moved, ScanRecord& record) {
   record.points_W = std::move(moved.points_W);
   record.origins_W = std::move(moved.origins_W);
+  record.attributes = std::move(moved.attributes);
   record.excluded_points = moved.excluded;
   record.unposed_points = moved.unposed;
   record.deskewed = true;

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 
+#include "accessvdb/attributes.h"
 #include "accessvdb/error.h"
 #include "accessvdb/scan_io.h"
 #include "io/clouds/cloud_steps.h"
@@ -84,7 +86,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::optional<TimeScale> scale;           ///< motion within scans is removed
   OffsetRange usual_times;                  ///< of scans that are timed right
   std::vector<ScanWarning> warnings;
-  SkippedScans skipped;  ///< on being read
+  SkippedScans skipped;                                  ///< on being read
+  std::map<std::string, std::set<std::size_t>> without;  ///< steps in which no return had the attribute
 
   [[nodiscard]] std::size_t size() const {
     return recording ? recording->size() : clouds ? clouds->size() : poses.size();
@@ -125,6 +128,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                      .kind = kind,
                      .read = {.allow_truncated = options.allow_truncated,
                               .keep_noise = options.keep_noise,
+                              .carry = options.carry,
                               .laz_command = laz_command},
                      .time_offset_s = options.time_offset_s,
                      .rays_per_step = options.rays_per_step,
@@ -255,7 +259,23 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     }
     track = std::move(found.track);
     for (PoseEntry& pose : track) ofSensor(pose.T_W_S);
+    CarriedCheck carried(options.carry);
+    for (std::size_t step = 0; step < poses.size() && !carried.hasAll(); ++step)
+      carried.note(openScan(step)->carried(), forMessage(scan_files[step].native()));
+    carried.require();
     chooseTimes();
+  }
+
+  /// Which attributes no return of a scan has. One look at all values: files differ in how they leave one out.
+  void noteMissing(const ScanRecord& record, std::size_t step) {
+    const std::size_t width = options.carry.size();
+    if (width == 0 || record.attributes.empty()) return;
+    for (std::size_t c = 0; c < width; ++c) {
+      bool found = false;
+      for (std::size_t n = c; n < record.attributes.size() && !found; n += width)
+        found = record.attributes[n] != kNoAttribute;
+      if (!found) without[options.carry[c]].insert(step);
+    }
   }
 
   /// Without what was added to the poses as they were given: the extrinsic, and the turn that levels them.
@@ -308,6 +328,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                          {.allow_truncated = options.allow_truncated,
                           .point_times = options.deskew != Deskew::Off,
                           .keep_noise = options.keep_noise,
+                          .carry = options.carry,
                           .laz_command = laz_command});
   }
 
@@ -319,7 +340,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                           "Leave out ScanInputOptions::deskew to use such scans as they are");
     }
     const double stamp_s = poses[step].stamp_s;
-    const TimedScan scan = {record.points_S, times, *scale, clockStamp_s(step), record.T_W_S, options.exclude_box_S};
+    const TimedScan scan = {record.points_S,  times, *scale, clockStamp_s(step), record.T_W_S, options.exclude_box_S,
+                            record.attributes};
     MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) {
       return interpolatePose(track, stamp_s + static_cast<double>(ms) * 1e-3, options.max_gap_s);
     });
@@ -345,6 +367,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       for (const Eigen::Vector3d& p : part.points)
         record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
       times.insert(times.end(), part.times.begin(), part.times.end());
+      record.attributes.insert(record.attributes.end(), part.attributes.begin(), part.attributes.end());
       totals.add(part);
       read = part.points.size();
     }
@@ -355,12 +378,14 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     if (scale && times.size() == record.points_S.size() &&
         !areTimesOf(record.points_S, times, *scale, clockStamp_s(step), usual_times)) {
       record.points_S.clear();
+      record.attributes.clear();
       record.skipped = forMessage(path.filename().native(), 64) + " has times that are not those of its scan";
       return record;
     }
     if (scale && removeMotion(times, step, record)) return record;
     if (options.exclude_box_S)
-      record.excluded_points = leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S);
+      record.excluded_points =
+          leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S, record.attributes);
     return record;
   }
 };
@@ -429,6 +454,7 @@ ScanRecord ScanSequence::read(std::size_t step) {
                       : impl_->clouds  ? impl_->clouds->read(step)
                                        : impl_->readScan(step);
   if (!record.skipped.empty()) impl_->skipped.add(step, record.skipped, impl_->size());
+  impl_->noteMissing(record, step);
   return record;
 }
 
@@ -455,7 +481,16 @@ std::string ScanSequence::path(std::size_t step) const {
 
 const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }
 const std::vector<ScanWarning>& ScanSequence::warnings() const { return impl_->warnings; }
-std::vector<ScanWarning> ScanSequence::readWarnings() const { return impl_->skipped.warnings(impl_->size()); }
+std::vector<ScanWarning> ScanSequence::readWarnings() const {
+  std::vector<ScanWarning> warnings = impl_->skipped.warnings(impl_->size());
+  for (const auto& [name, steps] : impl_->without) {
+    warnings.push_back({"carry.some_missing", "no return has " + name + " in " + std::to_string(steps.size()) + " of " +
+                                                  std::to_string(impl_->size()) + " steps, first in " +
+                                                  forMessage(std::filesystem::path(path(*steps.begin())).native()) +
+                                                  ": they do not count where it is decided"});
+  }
+  return warnings;
+}
 std::string ScanSequence::matchingRule() const { return impl_->rule; }
 
 std::vector<std::string> ScanSequence::paths() const {

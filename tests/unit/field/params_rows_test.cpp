@@ -68,6 +68,8 @@ Value otherThan(const Value& value, const Row& row, const FieldParams& all) {
     return OrientationSet::sphere(15);
   } else if constexpr (std::is_same_v<Value, std::optional<FieldWindow>>) {
     return FieldWindow{{0, 0}, {128, 128}};
+  } else if constexpr (std::is_same_v<Value, std::vector<CarriedAttribute>>) {
+    return {{"tree_id", Keep::Majority}, {"species", Keep::Majority}};
   } else {
     return {otherThan(*value, row, all)};
   }
@@ -164,6 +166,7 @@ TEST(ParamRows, AreDescribed) {
   base.approach.orientations = OrientationSet::sphere(20);
   base.approach.rolls = 3;
   base.tsdf.region = UpdateRegion::Projective;
+  base.carry = carryOf("class");
   const auto before = linesOf(base);
   forEachParam([&]<typename Row>(const Row& row, const auto& field) {
     FieldParams params = base;
@@ -235,6 +238,11 @@ TEST(ParamRows, GoToCAndBack) {
         c.orientations = "sphere:15";
         const FieldParams back = capi::paramsFromC(c);
         EXPECT_EQ(field(back).text(), "sphere:15");
+      } else if constexpr (Row::template is<&FieldParams::carry>) {
+        EXPECT_EQ(c.carry, nullptr);
+        c.carry = " tree_id  species ";
+        const FieldParams back = capi::paramsFromC(c);
+        EXPECT_EQ(field(back), field(params));
       } else {
         const FieldParams back = capi::paramsFromC(c);
         EXPECT_EQ(field(back), field(params));

@@ -178,6 +178,7 @@ void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out)
   flags.option("--origin", &options.origin,
                "X,Y,Z of the map's local origin in the world frame, or a folder with an earlier result");
   flags.flag("--no-clobber", options.no_clobber, "refuse to overwrite existing outputs");
+  addCarryOption(flags, options.survey);
   addMirrorOption(flags, options);
   addExportOptions(flags, options.exported);
   addPictureOptions(flags, options.picture);
@@ -329,6 +330,7 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   params.threads = options.common.threads;
   params.mirror_distance = options.mirror_distance;
   params.origin_W = givenOrigin(options);
+  for (const CarriedName& name : carriedNames(options.survey)) params.carry.push_back({name.column, Keep::Majority});
   return params.resolved();
 }
 

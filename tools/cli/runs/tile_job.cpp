@@ -30,8 +30,8 @@ constexpr const char* kNotOfThePlan[] = {
     "resume",     "append", "html",    "remove",    "removed-as", "allow-disagreement"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
-constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
-                                        "half",      "compression", "up-axis",   "points-format"};
+constexpr const char* kOfTheResult[] = {"tool-unit",   "tool-tip", "tool-axis",     "tool-up", "half",
+                                        "compression", "up-axis",  "points-format", "carry"};
 /// Flags that say what a flight's scans are.
 constexpr const char* kOfAFlight[] = {
     "scans",       "poses",       "calib",    "pose-format", "sensor-at", "every",      "allow-truncated", "sort-poses",
@@ -248,7 +248,10 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   planned.max_memory = options.max_memory;
   planned.out = out.string();
   std::vector<MapOptions> flights;
-  for (const tiles::Flight& flight : plan.flights) flights.push_back(optionsFrom(out, flight.settings));
+  for (const tiles::Flight& flight : plan.flights) {
+    flights.push_back(optionsFrom(out, flight.settings));
+    flights.back().survey.carry = planned.survey.carry;  // all flights carry what the plan says
+  }
   std::vector<ToolSpec> specs = loadTools(planned);
   FieldParams params = fieldParams(planned);
   const auto changed = [&](const std::string& what) {

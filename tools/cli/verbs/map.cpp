@@ -110,8 +110,9 @@ void MapRun::countLeftOut(const io::ScanRecord& record) {
 }
 
 void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
-  const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S, stamp_s)
-                                                   : field.integrateRays(record.points_W, record.origins_W, stamp_s);
+  const FrameStats stats = record.points_W.empty()
+                               ? field.integrateScan(record.points_S, record.T_W_S, stamp_s, record.attributes)
+                               : field.integrateRays(record.points_W, record.origins_W, stamp_s, record.attributes);
   report_.add(stats);
   report_.integrate.add(stats.integrate_ms);
   report_.mirror.add(stats.mirror_ms);

@@ -133,6 +133,8 @@ Json jsonAnswer(const tiles::StoredAnswer& stored, const std::vector<std::string
       json["point"]["tools"] = thoseThatReach(point, tools);
     }
     if (stored.tile) json["point"]["tile"] = stored.tile->name();
+    for (const auto& [name, value] : answer.attributes)
+      json["point"]["attributes"][name] = value == kNoAttribute ? Json(nullptr) : Json(value);
   }
   return json;
 }
@@ -156,6 +158,8 @@ std::string wordsOf(const tiles::StoredAnswer& stored, const std::vector<std::st
     for (const std::string& name : thoseThatReach(point, tools)) reach += " " + name;
     text += "  tool " + tools[point.tool] + "; reached by" + (reach.empty() ? " none" : reach) + "\n";
   }
+  for (const auto& [name, value] : answer.attributes)
+    text += "  " + name + " " + (value == kNoAttribute ? "-" : std::to_string(value)) + "\n";
   if (point.direction == kNoDirection) return text + "  no best direction\n";
   std::snprintf(line, sizeof line, "  best direction %.4f %.4f %.4f, yaw %.1f degrees\n", point.direction_W.x(),
                 point.direction_W.y(), point.direction_W.z(), yawDegrees(point));
