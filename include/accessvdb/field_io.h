@@ -11,6 +11,7 @@
 #include <iosfwd>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -63,13 +64,18 @@ struct PointsHeader {
   std::uint64_t points = 0;
   Eigen::Vector3d origin_W = {0, 0, 0};
   double voxel_size_m = 0;
-  FieldMetadata metadata;  ///< the other comments, in order
+  FieldMetadata metadata;                    ///< the other comments, in order
+  std::vector<std::string> attributes = {};  ///< names of what the returns carried
 };
 /// @throws InputError
 [[nodiscard]] ACCESSVDB_API PointsHeader readPointsHeader(const std::filesystem::path& path);
 /// Hands over one point after the other, so that they are never in memory together. @throws InputError
 ACCESSVDB_API PointsHeader visitPoints(const std::filesystem::path& path,
                                        const std::function<void(const SurfacePoint&)>& take);
+/// The same with what each point's returns carried. @param take  (point, [PointsHeader::attributes])
+ACCESSVDB_API PointsHeader
+visitCarryingPoints(const std::filesystem::path& path,
+                    const std::function<void(const SurfacePoint&, std::span<const std::int32_t>)>& take);
 
 /// What `info` prints about a grid.
 struct GridSummary {

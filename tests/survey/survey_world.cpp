@@ -78,4 +78,39 @@ Ply::Ply(const std::string& bytes) {
   EXPECT_EQ(at, bytes.size()) << "rows and header differ";
 }
 
+std::vector<std::map<std::string, std::string>> parsedCsv(const std::string& text) {
+  std::vector<std::map<std::string, std::string>> rows;
+  std::vector<std::string> names;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    std::vector<std::string> cells(1);
+    for (const char c : line) {
+      if (c == ',') {
+        cells.emplace_back();
+      } else {
+        cells.back() += c;
+      }
+    }
+    if (names.empty()) {
+      names = cells;
+      continue;
+    }
+    EXPECT_EQ(cells.size(), names.size()) << line;
+    for (std::size_t n = 0; n < names.size() && n < cells.size(); ++n) {
+      if (n == 0) rows.emplace_back();
+      rows.back()[names[n]] = cells[n];
+    }
+  }
+  return rows;
+}
+
+Exact exactly(const std::string& decimal, int decimals) {
+  const std::size_t point = std::min(decimal.find('.'), decimal.size());
+  std::string digits = decimal.substr(0, point) + (point < decimal.size() ? decimal.substr(point + 1) : "");
+  const std::size_t behind = point < decimal.size() ? decimal.size() - point - 1 : 0;
+  EXPECT_LE(behind, static_cast<std::size_t>(decimals)) << decimal;
+  digits.append(static_cast<std::size_t>(decimals) - behind, '0');
+  return std::stoull(digits);
+}
+
 }  // namespace accessvdb::survey_test

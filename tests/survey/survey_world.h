@@ -24,4 +24,10 @@ struct Ply {
   std::size_t rows = 0;
 };
 
+/// A CSV with a line of names: rows by name of column.
+[[nodiscard]] std::vector<std::map<std::string, std::string>> parsedCsv(const std::string& text);
+/// A decimal number as a whole number of 1e-9 or, of more decimals, 1e-12: sums of these are exact.
+using Exact = std::uint64_t;
+[[nodiscard]] Exact exactly(const std::string& decimal, int decimals);
+
 }  // namespace accessvdb::survey_test

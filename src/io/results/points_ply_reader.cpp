@@ -72,7 +72,7 @@ class PlyReader {
                             std::to_string(header_.recordBytes()) + " bytes, but " + std::to_string(rest) +
                             " bytes follow the header");
     }
-    return {header_.count, *header_.origin_W, *header_.voxel_size_m, header_.metadata};
+    return {header_.count, *header_.origin_W, *header_.voxel_size_m, header_.metadata, header_.carried};
   }
 
   /// After header(). @param every  points with other numbers than multiples of it are left out
@@ -285,9 +285,18 @@ FieldSnapshot readPointsPly(const std::filesystem::path& path, std::uint64_t eve
 
 PointsHeader readPointsHeader(const std::filesystem::path& path) { return PlyReader(path).header(); }
 PointsHeader visitPoints(const std::filesystem::path& path, const std::function<void(const SurfacePoint&)>& take) {
+  return visitCarryingPoints(path, [&](const SurfacePoint& point, std::span<const std::int32_t>) { take(point); });
+}
+PointsHeader visitCarryingPoints(const std::filesystem::path& path,
+                                 const std::function<void(const SurfacePoint&, std::span<const std::int32_t>)>& take) {
   PlyReader reader(path);
   PointsHeader header = reader.header();
-  reader.visit(1, [&](const SurfacePoint& point, const char*) { take(point); });
+  std::vector<std::int32_t> carried(header.attributes.size());
+  reader.visit(1, [&](const SurfacePoint& point, const char* record) {
+    for (std::size_t c = 0; c < carried.size(); ++c)
+      carried[c] = internal::carriedOfRecord(record, reader.columns(), c);
+    take(point, carried);
+  });
   return header;
 }
 

@@ -5,9 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <set>
 
-#include "accessvdb/attributes.h"
 #include "accessvdb/error.h"
 #include "accessvdb/scan_io.h"
 #include "io/clouds/cloud_steps.h"
@@ -20,6 +18,7 @@
 #include "io/recordings/recording_steps.h"
 #include "io/scans/deskew_choice.h"
 #include "io/scans/exclude_box.h"
+#include "io/scans/missing_attributes.h"
 #include "io/scans/scan_checks.h"
 #include "io/scans/scan_files.h"
 #include "io/scans/scan_motion.h"
@@ -86,8 +85,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::optional<TimeScale> scale;           ///< motion within scans is removed
   OffsetRange usual_times;                  ///< of scans that are timed right
   std::vector<ScanWarning> warnings;
-  SkippedScans skipped;                                  ///< on being read
-  std::map<std::string, std::set<std::size_t>> without;  ///< steps in which no return had the attribute
+  SkippedScans skipped;       ///< on being read
+  MissingAttributes missing;  ///< on being read
 
   [[nodiscard]] std::size_t size() const {
     return recording ? recording->size() : clouds ? clouds->size() : poses.size();
@@ -266,18 +265,6 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     chooseTimes();
   }
 
-  /// Which attributes no return of a scan has. One look at all values: files differ in how they leave one out.
-  void noteMissing(const ScanRecord& record, std::size_t step) {
-    const std::size_t width = options.carry.size();
-    if (width == 0 || record.attributes.empty()) return;
-    for (std::size_t c = 0; c < width; ++c) {
-      bool found = false;
-      for (std::size_t n = c; n < record.attributes.size() && !found; n += width)
-        found = record.attributes[n] != kNoAttribute;
-      if (!found) without[options.carry[c]].insert(step);
-    }
-  }
-
   /// Without what was added to the poses as they were given: the extrinsic, and the turn that levels them.
   [[nodiscard]] std::optional<Eigen::Isometry3d> givenPose(std::size_t step, double shift_s) const {
     if (recording) return recording->givenPose(step, shift_s);
@@ -454,7 +441,7 @@ ScanRecord ScanSequence::read(std::size_t step) {
                       : impl_->clouds  ? impl_->clouds->read(step)
                                        : impl_->readScan(step);
   if (!record.skipped.empty()) impl_->skipped.add(step, record.skipped, impl_->size());
-  impl_->noteMissing(record, step);
+  impl_->missing.note(record.attributes, impl_->options.carry, step);
   return record;
 }
 
@@ -483,12 +470,8 @@ const std::vector<std::string>& ScanSequence::notices() const { return impl_->no
 const std::vector<ScanWarning>& ScanSequence::warnings() const { return impl_->warnings; }
 std::vector<ScanWarning> ScanSequence::readWarnings() const {
   std::vector<ScanWarning> warnings = impl_->skipped.warnings(impl_->size());
-  for (const auto& [name, steps] : impl_->without) {
-    warnings.push_back({"carry.some_missing", "no return has " + name + " in " + std::to_string(steps.size()) + " of " +
-                                                  std::to_string(impl_->size()) + " steps, first in " +
-                                                  forMessage(std::filesystem::path(path(*steps.begin())).native()) +
-                                                  ": they do not count where it is decided"});
-  }
+  impl_->missing.addWarnings(
+      impl_->size(), [this](std::size_t step) { return path(step); }, warnings);
   return warnings;
 }
 std::string ScanSequence::matchingRule() const { return impl_->rule; }

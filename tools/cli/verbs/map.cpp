@@ -34,6 +34,7 @@
 #include "runs/scan_stamps.h"
 #include "runs/tile_job.h"
 #include "runs/tiled_map.h"
+#include "runs/written_table.h"
 #include "verbs/html_report.h"
 #include "verbs/verbs.h"
 
@@ -75,7 +76,7 @@ class MapRun {
   bool removeRegions(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
-  void writeHtml(const std::vector<ToolSpec>& tools);
+  void writeViews(const std::vector<ToolSpec>& tools);
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
 
   const MapOptions& options_;
@@ -378,12 +379,18 @@ int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
-  if (report_.tiles) writeHtml(sources.tools);
+  if (report_.tiles) writeViews(sources.tools);
   return exit_code;
 }
 
 /// After report.json, which it shows.
-void MapRun::writeHtml(const std::vector<ToolSpec>& tools) {
+/// What is made from the files of the result.
+void MapRun::writeViews(const std::vector<ToolSpec>& tools) {
+  if (!options_.survey.carry.empty()) {
+    writeTable(options_.out, messages_);
+  } else if (const fs::path table = fs::path(options_.out) / kTableFile; io::isThere(table)) {
+    messages_.warning("output.old_table", table.string() + " is from an earlier run; --carry writes a new one");
+  }
   PageSources sources;
   sources.html = fs::path(options_.out) / kPageFile;
   if (!options_.html) {
@@ -417,7 +424,7 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   }
   report_.exit_code = signal == 0 ? 0 : 128 + signal;
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
-  if (report_.points_used > 0) writeHtml(field.tools());
+  if (report_.points_used > 0) writeViews(field.tools());
   return report_.exit_code;
 }
 
