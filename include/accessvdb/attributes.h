@@ -30,6 +30,9 @@ struct CarriedAttribute {
   friend bool operator==(const CarriedAttribute&, const CarriedAttribute&) = default;
 };
 
+/// Carried for points.las alone (survey_frame.h): no column of other files, and in no description.
+[[nodiscard]] inline bool isHidden(const CarriedAttribute& attribute) { return attribute.name.starts_with('@'); }
+
 /// Names with a blank between them, as FieldParams::describe() says them, and back; all are of Keep::Majority.
 [[nodiscard]] ACCESSVDB_API std::string carryText(const std::vector<CarriedAttribute>& carry);
 [[nodiscard]] ACCESSVDB_API std::vector<CarriedAttribute> carryOf(std::string_view names);

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "accessvdb/export.h"
+#include "accessvdb/survey_frame.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb {
@@ -51,9 +52,11 @@ ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const Field
                                   const FieldMetadata& metadata);
 ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points,
                                   const FieldMetadata& metadata);
-/// points.las: LAS 1.4, point format 7, in steps of 0.0001 m from the field's origin; label, reason, score, confidence
-/// and yaw (degrees) as extra bytes, the label's colour as RGB. @throws OutputError
-ACCESSVDB_API void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points);
+/// points.las: LAS 1.4, point format 7, in steps of at most 0.0001 m from the field's origin; label, reason, score,
+/// confidence, yaw (degrees) and what the returns carried as extra bytes, the label's colour as RGB, GPS time and class
+/// of the first return. @param frame  its coordinate system, in whose unit the coordinates are  @throws OutputError
+ACCESSVDB_API void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points,
+                                  const SurveyFrame& frame = {});
 /// Reads points.ply back, with origin and voxel size from its header comments. @throws InputError
 [[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path);
 /// Every n-th point of it alone, for a picture; ids are the points' numbers in the file.

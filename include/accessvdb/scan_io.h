@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "accessvdb/export.h"
+#include "accessvdb/survey_frame.h"
 
 namespace accessvdb::io {
 
@@ -77,6 +78,12 @@ struct ScanInputOptions {
   /// Names of what the returns carry (attributes.h): dimensions and extra bytes of LAS, properties of PLY, fields of
   /// PCD and PointCloud2, whole numbers all of them. Case and underscores do not matter.
   std::vector<std::string> carry = {};
+  /// Behind those, the number of the scan, from 0, and of the return's row in it.
+  bool index = false;
+  /// Behind those, LAS and LAZ: kFirstReturnNames (survey_frame.h).
+  bool first_returns = false;
+  /// Well-known text of the coordinate system of LAS and LAZ, in place of what the files say. The unit is its unit.
+  std::string crs_wkt = {};
 };
 
 /// Something about the input that is most likely a mistake, or a loss.
@@ -92,7 +99,7 @@ struct ScanRecord {
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
   std::vector<Eigen::Vector3d> points_W;
   std::vector<Eigen::Vector3d> origins_W;
-  std::vector<std::int32_t> attributes;  ///< [points x ScanInputOptions::carry], row by row
+  std::vector<std::int32_t> attributes;  ///< [points x what is carried], row by row
   double stamp_s = 0;                    ///< 0 where unknown
   double step_m = 0;  ///< between coordinates that are next to each other, where the file says it (LAS); else 0
   std::string path;
@@ -134,6 +141,8 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] const std::vector<ScanWarning>& warnings() const;  ///< not among the notices
   /// What only reading showed, of the steps that were read so far: scans that are skipped.
   [[nodiscard]] std::vector<ScanWarning> readWarnings() const;
+  /// The coordinate system of clouds in the world frame, as all of their files say it; empty for others.
+  [[nodiscard]] const SurveyFrame& frame() const;
   [[nodiscard]] std::string matchingRule() const;        ///< one line, also part of the notices
   [[nodiscard]] bool deskews() const;                    ///< motion within scans is removed, where poses cover a scan
   [[nodiscard]] std::vector<std::string> paths() const;  ///< every file that is or will be read
@@ -147,6 +156,11 @@ class ACCESSVDB_API ScanSequence {
   explicit ScanSequence(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+/// The well-known text of a coordinate system: a code such as "EPSG:32632", which PROJ's program projinfo looks up, or
+/// a file with such text, which it checks if it is installed. @throws InputError "las.crs", "input.geographic",
+/// "input.unit"
+[[nodiscard]] ACCESSVDB_API std::string crsWkt(const std::string& crs);
 
 /// Lower-case hexadecimal SHA-256 of a file. @throws InputError
 [[nodiscard]] ACCESSVDB_API std::string sha256OfFile(const std::filesystem::path& path);

@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -35,6 +36,12 @@ class SurfacePoints {
   [[nodiscard]] virtual std::int32_t attribute(std::size_t /*index*/, std::size_t /*column*/) const {
     return kNoAttribute;
   }
+  /// What the first return of a point had, where scans say it and points.las is to.
+  struct FirstReturn {
+    double gps_time = 0;
+    std::uint8_t point_class = 0;
+  };
+  [[nodiscard]] virtual std::optional<FirstReturn> firstReturn(std::size_t /*index*/) const { return std::nullopt; }
 };
 
 /// The points of a snapshot, which must live as long.

@@ -159,8 +159,9 @@ std::vector<std::int32_t> AccessibilityField::attributesAt(const Eigen::Vector3d
   std::vector<std::int32_t> values;
   const std::uint32_t id = internal::idAt(*impl_, p_W);
   const internal::PointAttributes& attributes = impl_->points.attributes();
-  for (std::size_t c = 0; id != internal::kNone && c < attributes.columns(); ++c)
-    values.push_back(attributes.value(id, c));
+  for (std::size_t c = 0; id != internal::kNone && c < attributes.columns(); ++c) {
+    if (!isHidden(attributes.carried()[c])) values.push_back(attributes.value(id, c));
+  }
   return values;
 }
 

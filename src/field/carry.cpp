@@ -21,7 +21,7 @@ constexpr std::array<std::string_view, 41> kOurs = {
     "n",      "cd",    "pscale",      "direction", "scan", "index", "accessible", "blocked",      "unscored", "alpha",
     "group"};
 constexpr std::size_t kLongestColumn = 31;  // and a byte for the end, as LAS has it
-constexpr std::size_t kMostCarried = 16;
+constexpr std::size_t kMostCarried = 24;
 
 std::string lower(std::string_view text) {
   std::string result(text);
@@ -41,7 +41,10 @@ bool isName(std::string_view name) {
 
 std::string carryText(const std::vector<CarriedAttribute>& carry) {
   std::string text;
-  for (const CarriedAttribute& attribute : carry) text += (text.empty() ? "" : " ") + attribute.name;
+  for (const CarriedAttribute& attribute : carry) {
+    if (isHidden(attribute)) continue;
+    text += (text.empty() ? "" : " ") + attribute.name;
+  }
   return text;
 }
 
@@ -57,12 +60,14 @@ std::vector<CarriedAttribute> carryOf(std::string_view names) {
 
 void internal::requireCarry(const std::vector<CarriedAttribute>& carry) {
   if (carry.size() > kMostCarried) {
-    throw InvalidArgument("carry.count", "carry", "has " + std::to_string(carry.size()) + " names; 16 are possible",
+    throw InvalidArgument("carry.count", "carry", "has " + std::to_string(carry.size()) + " names; 24 are possible",
                           "Carry fewer");
   }
   std::set<std::string> seen;
   for (const CarriedAttribute& attribute : carry) {
+    if (isHidden(attribute)) continue;
     const std::string name = lower(attribute.name);
+    if (attribute.keep == Keep::First && (name == "scan" || name == "index")) continue;
     if (!isName(attribute.name)) {
       throw InvalidArgument("carry.name", "carry \"" + attribute.name.substr(0, 64) + "\"",
                             "is no name of a column: up to 31 letters, digits, _ . or -, first a letter or _",

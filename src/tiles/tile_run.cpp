@@ -125,12 +125,27 @@ class TileRun {
     const auto points = field.points();
     count(*points);
     tile_.leaves = field.memoryUse().leaves;
-    internal::writeFieldFiles(field, *points, folder, run_.limits.files);
+    io::WriteOptions files = run_.limits.files;
+    files.frame = job_.plan.frame;
+    internal::writeFieldFiles(field, *points, folder, files);
+    const bool firsts = files.points_las && files.frame.first_returns;
+    if (firsts) writeFirsts(*points, folder / kFirstFile);
     writeOrder(internal::FieldAccess::points(field), *points, folder / kOrderFile);
     for (const char* file : {kPointsFile, kLasFile, kGridsFile, kPointGridFile, kOrderFile}) {
       if (file == kLasFile && !run_.limits.files.points_las) continue;
       tile_.sha256.emplace_back(file, io::sha256OfFile(folder / file));
     }
+    if (firsts) tile_.sha256.emplace_back(kFirstFile, io::sha256OfFile(folder / kFirstFile));
+  }
+
+  static void writeFirsts(const SurfacePoints& points, const fs::path& file) {
+    io::writeFileDurably(file, [&](std::ostream& stream) {
+      for (std::size_t n = 0; n < points.size(); ++n) {
+        const auto first = points.firstReturn(n).value_or(SurfacePoints::FirstReturn());
+        const StoredFirst record = {first.gps_time, first.point_class};
+        stream.write(reinterpret_cast<const char*>(&record), sizeof record);
+      }
+    });
   }
 
   void count(const SurfacePoints& points) {

@@ -6,10 +6,12 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <numeric>
 #include <span>
 #include <utility>
 
+#include "accessvdb/survey_frame.h"
 #include "field/left_out_points.h"
 #include "field/tools/tool_heading.h"
 
@@ -77,8 +79,23 @@ class ScoredPoints final : public SurfacePoints {
   [[nodiscard]] std::vector<std::string> attributeNames() const override {
     std::vector<std::string> names;
     if (attributes_ == nullptr) return names;
-    for (const CarriedAttribute& attribute : attributes_->carried()) names.push_back(attribute.name);
+    for (const CarriedAttribute& attribute : attributes_->carried()) {
+      if (!isHidden(attribute)) names.push_back(attribute.name);  // the others come last
+    }
     return names;
+  }
+  [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
+    const std::size_t columns = attributes_ == nullptr ? 0 : attributes_->columns();
+    if (columns < 3 || attributes_->carried()[columns - 1].name != kFirstReturnNames[2]) return std::nullopt;
+    const std::uint32_t id = first_ + static_cast<std::uint32_t>(index);
+    const auto half = [&](std::size_t c) {
+      return std::uint64_t{std::bit_cast<std::uint32_t>(attributes_->value(id, columns - 3 + c))};
+    };
+    const bool timed = half(0) != half(1) || attributes_->value(id, columns - 2) != kNoAttribute;
+    const std::int32_t point_class = attributes_->value(id, columns - 1);
+    const bool known = point_class >= 0 && point_class <= 255;
+    return FirstReturn{timed ? std::bit_cast<double>(half(0) | half(1) << 32) : 0.0,
+                       static_cast<std::uint8_t>(known ? point_class : 0)};
   }
   [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
     return attributes_->value(first_ + static_cast<std::uint32_t>(index), column);
@@ -149,6 +166,9 @@ class CorePoints final : public SurfacePoints {
   [[nodiscard]] std::vector<std::string> attributeNames() const override { return all_->attributeNames(); }
   [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
     return all_->attribute(ids_[index], column);
+  }
+  [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
+    return all_->firstReturn(ids_[index]);
   }
 
  private:

@@ -44,6 +44,9 @@ class PointsOfTools final : public SurfacePoints {
   [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
     return tools_.front()->attribute(index, column);
   }
+  [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
+    return tools_.front()->firstReturn(index);
+  }
 
  private:
   std::vector<std::unique_ptr<const SurfacePoints>> tools_;

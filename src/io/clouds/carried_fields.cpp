@@ -29,10 +29,10 @@ std::string plainName(std::string_view name) {
 bool isSameField(std::string_view a, std::string_view b) { return a == b || plainName(a) == plainName(b); }
 
 CarriedFields::CarriedFields(const std::vector<RecordField>& all, const std::vector<std::string>& wanted,
-                             std::string subject)
-    : wanted_(wanted), subject_(std::move(subject)) {
+                             std::string subject, std::int32_t scan)
+    : wanted_(wanted), subject_(std::move(subject)), scan_(scan) {
   for (const RecordField& field : all)
-    if (!field.name.empty()) present_ += (present_.empty() ? "" : " ") + field.name;
+    if (!field.name.empty() && !field.name.starts_with('@')) present_ += (present_.empty() ? "" : " ") + field.name;
   for (const std::string& name : wanted) {
     auto found = std::find_if(all.begin(), all.end(), [&](const RecordField& field) { return field.name == name; });
     if (found == all.end()) {
@@ -47,12 +47,13 @@ CarriedFields::CarriedFields(const std::vector<RecordField>& all, const std::vec
 std::vector<std::string> CarriedFields::missing() const {
   std::vector<std::string> missing;
   for (std::size_t n = 0; n < wanted_.size(); ++n) {
-    if (!index_[n]) missing.push_back(wanted_[n]);
+    if (!index_[n] && !wanted_[n].starts_with('@')) missing.push_back(wanted_[n]);
   }
   return missing;
 }
 
 void CarriedCheck::note(const CarriedFields* fields, const std::string& subject) {
+  std::erase_if(missing_, [](const std::string& name) { return name.starts_with('@'); });
   if (missing_.empty()) return;
   if (fields == nullptr) {
     throw InvalidArgument("carry.format", subject, "is of a format without attributes that can be carried",
@@ -73,7 +74,15 @@ void CarriedCheck::require() const {
                       "Name one of: " + present_);
 }
 
-std::int32_t CarriedFields::none() { return kNoAttribute; }
+std::int32_t CarriedFields::besides(std::size_t n, std::uint64_t row) const {
+  if (wanted_[n] == kScanName) return scan_;
+  if (wanted_[n] != kRowName) return kNoAttribute;
+  if (row <= static_cast<std::uint64_t>(-static_cast<std::int64_t>(kNoAttribute + 1))) {
+    return static_cast<std::int32_t>(row);
+  }
+  throw InputError("carry.index", subject_, "has more than 2147483647 rows, the most that a column of rows can number",
+                   "Split the file, or leave out ScanInputOptions::index");
+}
 
 std::int32_t CarriedFields::whole(std::size_t n, double stored) const {
   const RecordField& field = fields_[n];
@@ -91,10 +100,11 @@ std::int32_t CarriedFields::whole(std::size_t n, double stored) const {
                    "Carry classes and numbers of trees, or round the values first");
 }
 
-void CarriedFields::append(const char* record, bool big_endian, std::vector<std::int32_t>& to) const {
+void CarriedFields::append(const char* record, bool big_endian, std::uint64_t row,
+                           std::vector<std::int32_t>& to) const {
   for (std::size_t n = 0; n < fields_.size(); ++n) {
     if (!index_[n]) {
-      to.push_back(kNoAttribute);
+      to.push_back(besides(n, row));
       continue;
     }
     const RecordField& field = fields_[n];

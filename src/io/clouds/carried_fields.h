@@ -24,6 +24,9 @@ struct RecordField {
   double scale = 1, offset_of_value = 0;  ///< value = scale * stored + offset
 };
 
+/// Names of what is not in a record: its number in the file, and the file's among those that are read.
+inline constexpr const char *kRowName = "@row", *kScanName = "@scan";
+
 /// Names differ by program: case, underscores and CloudCompare's "scalar_" do not matter, "class" is "classification".
 [[nodiscard]] bool isSameField(std::string_view a, std::string_view b);
 
@@ -35,7 +38,9 @@ class CarriedCheck {
   explicit CarriedCheck(std::vector<std::string> wanted) : missing_(std::move(wanted)) {}
   /// @param fields  of the file `subject`; null: its format has none @throws InvalidArgument "carry.format"
   void note(const CarriedFields* fields, const std::string& subject);
-  [[nodiscard]] bool hasAll() const { return missing_.empty(); }
+  [[nodiscard]] bool hasAll() const {
+    return missing_.empty() || missing_.front().starts_with('@');  // those come last, and need not be there
+  }
   /// @throws UnusableInput "carry.missing" if there is one that none of the files had
   void require() const;
 
@@ -48,7 +53,9 @@ class CarriedFields {
  public:
   CarriedFields() = default;
   /// @param all  of the file's records  @param wanted  names, in order  @param subject  the file, for messages
-  CarriedFields(const std::vector<RecordField>& all, const std::vector<std::string>& wanted, std::string subject);
+  /// @param scan  number of the file, for kScanName
+  CarriedFields(const std::vector<RecordField>& all, const std::vector<std::string>& wanted, std::string subject,
+                std::int32_t scan = 0);
 
   [[nodiscard]] std::size_t size() const { return fields_.size(); }
   /// Which of those that are wanted the file lacks.
@@ -58,21 +65,26 @@ class CarriedFields {
 
   /// Appends a row of values: whole numbers, or kNoAttribute.
   /// @throws InputError "carry.value" for a value that is no whole number of 32 bits
-  void append(const char* record, bool big_endian, std::vector<std::int32_t>& to) const;
+  /// @param row  the record's number in the file
+  void append(const char* record, bool big_endian, std::uint64_t row, std::vector<std::int32_t>& to) const;
   /// The same where the values are already numbers. @param numberOf  (index into `all`) -> double
   template <typename NumberOf>
-  void appendNumbers(const NumberOf& numberOf, std::vector<std::int32_t>& to) const {
-    for (std::size_t n = 0; n < fields_.size(); ++n) to.push_back(index_[n] ? whole(n, numberOf(*index_[n])) : none());
+  void appendNumbers(const NumberOf& numberOf, std::uint64_t row, std::vector<std::int32_t>& to) const {
+    for (std::size_t n = 0; n < fields_.size(); ++n) {
+      to.push_back(index_[n] ? whole(n, numberOf(*index_[n])) : besides(n, row));
+    }
   }
 
  private:
-  [[nodiscard]] static std::int32_t none();
+  /// The value of what is not in the record.
+  [[nodiscard]] std::int32_t besides(std::size_t n, std::uint64_t row) const;
   [[nodiscard]] std::int32_t whole(std::size_t n, double stored) const;
 
   std::vector<std::string> wanted_;
   std::vector<RecordField> fields_;                ///< [wanted]
   std::vector<std::optional<std::size_t>> index_;  ///< [wanted] into `all`
   std::string subject_, present_;
+  std::int32_t scan_ = 0;
 };
 
 }  // namespace accessvdb::io

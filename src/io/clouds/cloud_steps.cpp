@@ -41,8 +41,23 @@ void CloudSteps::checkSize(std::size_t file) const {
 }
 
 void CloudSteps::open(std::size_t file) {
+  input_.read.scan = static_cast<std::int32_t>(file);
   reader_ = openCloud(input_.files[file], input_.kind, input_.read);
   file_ = file;
+}
+
+/// Files of one frame say so with the same bytes: they come from one program. What differs may be the same frame in
+/// other words, or another datum some metres away, which nothing else would show.
+void CloudSteps::noteFrame(std::size_t file) {
+  if (reader_->frame() == nullptr) return;
+  const SurveyFrame& frame = *reader_->frame();
+  if (file == 0) frame_ = frame;
+  const bool same = frame.wkt == frame_.wkt && frame.geo_keys == frame_.geo_keys &&
+                    frame.geo_doubles == frame_.geo_doubles && frame.geo_texts == frame_.geo_texts;
+  if (same) return;
+  throw UnusableInput("scans.frame", forMessage(input_.files[file].native()),
+                      "says another coordinate system than " + forMessage(input_.files.front().filename().native(), 64),
+                      "Reproject it, or say with crs_wkt which one all are in");
 }
 
 void CloudSteps::findSteps() {
@@ -51,6 +66,7 @@ void CloudSteps::findSteps() {
   for (std::size_t file = 0; file < input_.files.size(); ++file) {
     file_bytes_.push_back(inputFileSize(input_.files[file]));
     open(file);
+    noteFrame(file);
     carried.note(reader_->carried(), forMessage(input_.files[file].native()));
     CloudTotals totals;
     bool all_unit = true;

@@ -5,6 +5,9 @@
 
 #include <array>
 #include <cmath>
+#include <utility>
+
+#include "accessvdb/survey_frame.h"
 
 namespace accessvdb::io {
 namespace {
@@ -88,6 +91,15 @@ std::vector<RecordField> lasFields(const LasFileHeader& header, std::string_view
       addColours(fields, 30, header.format != 7);
     }
   }
+  const std::uint64_t time = lasTimeOffset(header.format);
+  if (time != 0) {
+    fields.push_back({.name = kFirstReturnNames[0], .offset = time, .type = ScalarType::Int32});
+    fields.push_back({.name = kFirstReturnNames[1], .offset = time + 4, .type = ScalarType::Int32});
+  }
+  RecordField point_class = header.format < 6
+                                ? partOf(kFirstReturnNames[2], 15, 0, 5)
+                                : RecordField{.name = kFirstReturnNames[2], .offset = 16, .type = ScalarType::Uint8};
+  fields.push_back(std::move(point_class));
   addExtraBytes(extra_bytes, lasFormatBytes(header.format), header.record_bytes, fields);
   return fields;
 }

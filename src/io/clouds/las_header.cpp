@@ -64,6 +64,11 @@ void takeProjection(ByteSource& file, const LasRecordList& list, LasProjection& 
 
 std::uint64_t lasFormatBytes(int format) { return kFormatBytes[static_cast<std::size_t>(format)]; }
 
+std::uint64_t lasTimeOffset(int format) {
+  constexpr std::array<std::uint8_t, 11> kTimeOffset = {0, 20, 0, 20, 20, 20, 22, 22, 22, 22, 22};
+  return kTimeOffset[static_cast<std::size_t>(format)];
+}
+
 void refuseCutHeader(const std::string& subject, std::uint64_t bytes, std::uint64_t needed) {
   throw InputError("input.truncated", subject,
                    "has " + std::to_string(bytes) + " bytes, but its header alone needs " + std::to_string(needed),
@@ -83,6 +88,9 @@ LasFileHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t>
   const int format = loadScalar<std::uint8_t>(&file[104]);
   LasFileHeader header;
   header.format = format;
+  header.adjusted_gps_time = (loadScalar<std::uint16_t>(&file[6]) & 1) != 0;
+  header.day = loadScalar<std::uint16_t>(&file[90]);
+  header.year = loadScalar<std::uint16_t>(&file[92]);
   header.data_offset = loadScalar<std::uint32_t>(&file[96]);
   header.record_bytes = loadScalar<std::uint16_t>(&file[105]);
   header.points = loadScalar<std::uint32_t>(&file[107]);

@@ -33,7 +33,7 @@ class PcdReader : public CloudReader {
     for (const PcdField& field : header_.fields) {
       fields.push_back({.name = field.count == 1 ? field.name : "", .offset = field.offset_bytes, .type = field.type});
     }
-    carried_ = CarriedFields(fields, options.carry, subject);
+    carried_ = CarriedFields(fields, options.carry, subject, options.scan);
   }
   [[nodiscard]] const CarriedFields* carried() const override { return &carried_; }
   [[nodiscard]] std::string timeField() const override { return time_ ? header_.fields[*time_].name : std::string(); }
@@ -108,7 +108,7 @@ class TextPcdReader final : public PcdReader {
             lines_.fail("of the data has a value that is not a number");
           return number;
         },
-        part.attributes);
+        record_, part.attributes);
     ++record_;
     return true;
   }
@@ -162,7 +162,7 @@ class BinaryPcdReader final : public PcdReader {
       for (int axis = 0; axis < 3; ++axis)
         part.points[i - first][axis] = loadScalar(record + columns[axis].begin, columns[axis].type, false);
       if (time_) part.times[i - first] = loadScalar(record + time.begin, time.type, false);
-      if (carried_.size() > 0) carried_.append(record, false, part.attributes);
+      if (carried_.size() > 0) carried_.append(record, false, i, part.attributes);
     });
     record_ += part.points.size();
     if (part.points.size() < count) {
@@ -239,7 +239,8 @@ class CompressedPcdReader final : public PcdReader {
     for (std::size_t i = 0; time_ && i < part.points.size(); ++i)
       part.times.push_back(value(header_.fields[*time_], i));
     for (std::size_t i = 0; carried_.size() > 0 && i < part.points.size(); ++i)
-      carried_.appendNumbers([&](std::size_t field) { return value(header_.fields[field], i); }, part.attributes);
+      carried_.appendNumbers([&](std::size_t field) { return value(header_.fields[field], i); }, record_ + i,
+                             part.attributes);
     record_ += part.points.size();
     return part;
   }

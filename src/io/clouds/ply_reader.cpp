@@ -82,7 +82,7 @@ class PlyCloudReader : public CloudReader {
         subject_(subject),
         options_(options),
         columns_(vertex(), subject, options),
-        carried_(fieldsOf(vertex()), options.carry, subject) {}
+        carried_(fieldsOf(vertex()), options.carry, subject, options.scan) {}
   [[nodiscard]] const CarriedFields* carried() const override { return &carried_; }
   [[nodiscard]] Place place() const override { return {byte_, record_, 0}; }
   void seek(const Place& place) override {
@@ -218,11 +218,11 @@ class BinaryPlyReader final : public PlyCloudReader {
     part.points.reserve(part.points.size() + here);
     if (options_.rays) part.ray_vectors.reserve(part.points.size() + here);
     Values value = {};
-    records_.forEach(*source_, record_, here, [&](std::uint64_t, const char* record) {
+    records_.forEach(*source_, record_, here, [&](std::uint64_t row, const char* record) {
       for (std::size_t c = 0; c < value.size(); ++c)
         if (columns_.property[c])
           value[c] = loadScalar(record + offset_[c], vertex().properties[*columns_.property[c]].type, big_endian_);
-      if (addVertex(value, part) && carried_.size() > 0) carried_.append(record, big_endian_, part.attributes);
+      if (addVertex(value, part) && carried_.size() > 0) carried_.append(record, big_endian_, row, part.attributes);
     });
     record_ += here;
     return true;
@@ -239,7 +239,8 @@ class BinaryPlyReader final : public PlyCloudReader {
     ++record_;
     Values value;
     for (std::size_t c = 0; c < value.size(); ++c) value[c] = columns_.property[c] ? values_[*columns_.property[c]] : 0;
-    if (addVertex(value, part)) carried_.appendNumbers([this](std::size_t i) { return values_[i]; }, part.attributes);
+    if (addVertex(value, part))
+      carried_.appendNumbers([this](std::size_t i) { return values_[i]; }, record_ - 1, part.attributes);
     return true;
   }
 
@@ -312,7 +313,7 @@ class TextPlyReader final : public PlyCloudReader {
             if (!parseNumber(tokens_[i], number)) lines_.fail("of the data has a value that is not a number");
             return number;
           },
-          part.attributes);
+          record_, part.attributes);
     }
     ++record_;
     return true;

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/survey_frame.h"
 #include "io/clouds/carried_fields.h"
 
 namespace accessvdb::io {
@@ -47,6 +48,8 @@ struct ReadOptions {
   bool keep_noise = false;              ///< LAS: see NoiseCounts
   std::vector<std::string> carry = {};  ///< attributes of the returns, see CarriedFields; others than PCD, PLY and LAS
                                         ///< have none
+  std::int32_t scan = 0;                ///< number of the file among those that are read, for ReadOptions::carry
+  std::string crs_wkt = {};             ///< LAS: counts instead of what the file says of its coordinate system
   std::string laz_command = {};         ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
 };
 
@@ -87,6 +90,8 @@ class CloudReader {
   [[nodiscard]] virtual std::string timeField() const { return {}; }
   /// Where ReadOptions::carry is in the records; null for a format that has no such fields.
   [[nodiscard]] virtual const CarriedFields* carried() const { return nullptr; }
+  /// The coordinate system that the file says; null for a format that says none.
+  [[nodiscard]] virtual const SurveyFrame* frame() const { return nullptr; }
   /// Metres in one unit of the file's x, y and z; what else is given in the cloud's frame has the same units.
   [[nodiscard]] virtual Eigen::Vector3d unit_m() const { return {1, 1, 1}; }
   /// Distance of coordinates that are next to each other, where the file says it; 0 where it does not.

@@ -8,7 +8,7 @@
 
 namespace accessvdb::io {
 
-CarriedFields RecordingSteps::carriedOf(const bags::CloudMessage& cloud) const {
+CarriedFields RecordingSteps::carriedOf(const bags::CloudMessage& cloud, std::size_t step) const {
   // In the order of their numbers in sensor_msgs/PointField, from 1 on.
   constexpr std::array kTypes = {ScalarType::Int8,  ScalarType::Uint8,  ScalarType::Int16,   ScalarType::Uint16,
                                  ScalarType::Int32, ScalarType::Uint32, ScalarType::Float32, ScalarType::Float64};
@@ -19,18 +19,19 @@ CarriedFields RecordingSteps::carriedOf(const bags::CloudMessage& cloud) const {
     if (field.offset + scalarBytes(type) > cloud.point_bytes) continue;
     fields.push_back({.name = std::string(field.name), .offset = field.offset, .type = type});
   }
-  return {fields, carry_, subject_ + " " + topic_};
+  return {fields, carry_, subject_ + " " + topic_, static_cast<std::int32_t>(step)};
 }
 
-std::vector<std::int32_t> RecordingSteps::attributesOf(const bags::CloudMessage& cloud) const {
+std::vector<std::int32_t> RecordingSteps::attributesOf(const bags::CloudMessage& cloud, std::size_t step) const {
   std::vector<std::int32_t> attributes;
   if (carry_.empty() || cloud.points() == 0) return attributes;
-  const CarriedFields carried = carriedOf(cloud);
+  const CarriedFields carried = carriedOf(cloud, step);
   attributes.reserve(static_cast<std::size_t>(cloud.points()) * carry_.size());
+  std::uint64_t number = 0;
   for (std::uint64_t row = 0; row < cloud.rows; ++row) {
     const char* point = cloud.data.data() + row * cloud.row_bytes;
     for (std::uint64_t column = 0; column < cloud.columns; ++column, point += cloud.point_bytes)
-      carried.append(point, false, attributes);
+      carried.append(point, false, number++, attributes);
   }
   return attributes;
 }
@@ -41,7 +42,7 @@ void RecordingSteps::requireCarried() {
   for (std::size_t step = 0; step < steps_.size() && !check.hasAll(); ++step) {
     const IndexedCloud& indexed = steps_[step];
     const CarriedFields carried =
-        carriedOf(bags::readCloud(cloud_kind_, recordings_[indexed.file]->read(indexed.place), wire_));
+        carriedOf(bags::readCloud(cloud_kind_, recordings_[indexed.file]->read(indexed.place), wire_), step);
     check.note(&carried, subject_ + " " + topic_);
   }
   check.require();

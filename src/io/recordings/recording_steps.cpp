@@ -306,8 +306,9 @@ void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {
   rule_ += choice.words;
 }
 
-bool RecordingSteps::removeMotion(const IndexedCloud& indexed, const bags::CloudMessage& cloud, const Posed& posed,
+bool RecordingSteps::removeMotion(std::size_t step, const bags::CloudMessage& cloud, const Posed& posed,
                                   ScanRecord& record) const {
+  const IndexedCloud& indexed = steps_[step];
   if (!cloud.time) {
     if (deskew_ != Deskew::On) return false;
     throw UnusableInput("deskew.no_times", record.path,
@@ -322,7 +323,7 @@ bool RecordingSteps::removeMotion(const IndexedCloud& indexed, const bags::Cloud
     record.skipped = "the cloud at " + secondsText(indexed.stamp_ns) + " s has times that are not those of its scan";
     return true;
   }
-  const std::vector<std::int32_t> attributes = attributesOf(cloud);
+  const std::vector<std::int32_t> attributes = attributesOf(cloud, step);
   TimedScan scan = {points_S,        times,          *scale_,   seconds(indexed.stamp_ns) - time_offset_s_,
                     posed.T_W_cloud, exclude_box_S_, attributes};
   MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) -> std::optional<Eigen::Isometry3d> {
@@ -386,16 +387,16 @@ ScanRecord RecordingSteps::read(std::size_t step) {
         bags::readCloud(cloud_kind_, recordings_[indexed.file]->read(indexed.place), wire_);
     record.T_W_S = posed->T_W_cloud;
     if (!uses_[indexed.frame].registered) {
-      if (scale_ && removeMotion(indexed, cloud, *posed, record)) return record;
+      if (scale_ && removeMotion(step, cloud, *posed, record)) return record;
       bags::appendPoints(cloud, record.points_S);
-      record.attributes = attributesOf(cloud);
+      record.attributes = attributesOf(cloud, step);
       if (exclude_box_S_)
         record.excluded_points =
             leaveOutInside(*exclude_box_S_, Eigen::Isometry3d::Identity(), record.points_S, record.attributes);
       return record;
     }
     bags::appendPoints(cloud, record.points_W);
-    record.attributes = attributesOf(cloud);
+    record.attributes = attributesOf(cloud, step);
     if (!posed->T_W_cloud.matrix().isIdentity(0))
       for (Eigen::Vector3d& p : record.points_W) p = posed->T_W_cloud * p;
     if (exclude_box_S_)

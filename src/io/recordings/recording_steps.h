@@ -67,10 +67,10 @@ class RecordingSteps {
   };
   [[nodiscard]] AtRest forceAtRest(const RecordingIndex& index) const;
   void chooseTimes(const IndexedTopic& cloud);
-  [[nodiscard]] bool removeMotion(const IndexedCloud& indexed, const bags::CloudMessage& cloud, const Posed& posed,
+  [[nodiscard]] bool removeMotion(std::size_t step, const bags::CloudMessage& cloud, const Posed& posed,
                                   ScanRecord& record) const;
-  [[nodiscard]] CarriedFields carriedOf(const bags::CloudMessage& cloud) const;
-  [[nodiscard]] std::vector<std::int32_t> attributesOf(const bags::CloudMessage& cloud) const;
+  [[nodiscard]] CarriedFields carriedOf(const bags::CloudMessage& cloud, std::size_t step) const;
+  [[nodiscard]] std::vector<std::int32_t> attributesOf(const bags::CloudMessage& cloud, std::size_t step) const;
   void requireCarried();
   [[nodiscard]] Eigen::Isometry3d onSensor(const Eigen::Isometry3d& T_W_B) const;
   [[nodiscard]] std::optional<Posed> poseAt(std::uint32_t frame, std::int64_t stamp_ns) const;

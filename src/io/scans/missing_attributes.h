@@ -26,7 +26,7 @@ class MissingAttributes {
     for (std::size_t c = 0; c < width && !attributes.empty(); ++c) {
       bool found = false;
       for (std::size_t n = c; n < attributes.size() && !found; n += width) found = attributes[n] != kNoAttribute;
-      if (!found) steps_[carry[c]].insert(step);
+      if (!found && !carry[c].starts_with('@')) steps_[carry[c]].insert(step);
     }
   }
   /// @param steps  of the whole sequence  @param pathOf  (step) -> its file

@@ -85,7 +85,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::optional<TimeScale> scale;           ///< motion within scans is removed
   OffsetRange usual_times;                  ///< of scans that are timed right
   std::vector<ScanWarning> warnings;
-  SkippedScans skipped;       ///< on being read
+  SkippedScans skipped;  ///< on being read
+  SurveyFrame frame;
   MissingAttributes missing;  ///< on being read
 
   [[nodiscard]] std::size_t size() const {
@@ -96,6 +97,14 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     if (step >= size())
       throw InvalidArgument("usage.step", "step " + std::to_string(step),
                             "is past the end; there are " + std::to_string(size()), "Count from 0");
+  }
+
+  [[nodiscard]] bool isLas() const { return kind == ScanKind::Las || kind == ScanKind::Laz; }
+  /// What is carried besides the attributes that have names.
+  void addCarried() {
+    if (options.index) options.carry.insert(options.carry.end(), {kScanName, kRowName});
+    if (options.first_returns && isLas())
+      options.carry.insert(options.carry.end(), std::begin(kFirstReturnNames), std::end(kFirstReturnNames));
   }
 
   void addFileNotices(const std::vector<std::string>& more) {
@@ -128,6 +137,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                      .read = {.allow_truncated = options.allow_truncated,
                               .keep_noise = options.keep_noise,
                               .carry = options.carry,
+                              .crs_wkt = options.crs_wkt,
                               .laz_command = laz_command},
                      .time_offset_s = options.time_offset_s,
                      .rays_per_step = options.rays_per_step,
@@ -166,6 +176,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       rule = "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame";
     }
     clouds.emplace(std::move(input));
+    frame = clouds->frame();
     addFileNotices(clouds->notices());
     if (const auto& doubts = clouds->unitDoubts(); !doubts.empty())
       warnings.push_back(
@@ -316,6 +327,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                           .point_times = options.deskew != Deskew::Off,
                           .keep_noise = options.keep_noise,
                           .carry = options.carry,
+                          .scan = static_cast<std::int32_t>(step),
+                          .crs_wkt = options.crs_wkt,
                           .laz_command = laz_command});
   }
 
@@ -395,6 +408,7 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
     impl->stations_W = std::move(stations.positions_W);
   }
   impl->kind = scans.kind;
+  impl->addCarried();
   impl->notices = scans.notices;
   if (scans.kind == ScanKind::Laz) impl->chooseDecoder(scans.files.front());
   const bool single = scans.files.size() == 1;
@@ -425,6 +439,7 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
     impl->openScans(scans, std::move(checks));
   }
   impl->notices.push_back(impl->rule);
+  impl->frame.first_returns = options.first_returns && impl->isLas();
   for (const auto& file : impl->scan_files) impl->input_bytes += inputFileSize(file);
   if (const auto noise = besideScans(scans, "range_noise.txt")) {
     impl->range_noise_m = readRangeNoise(*noise);
@@ -474,6 +489,7 @@ std::vector<ScanWarning> ScanSequence::readWarnings() const {
       impl_->size(), [this](std::size_t step) { return path(step); }, warnings);
   return warnings;
 }
+const SurveyFrame& ScanSequence::frame() const { return impl_->frame; }
 std::string ScanSequence::matchingRule() const { return impl_->rule; }
 
 std::vector<std::string> ScanSequence::paths() const {

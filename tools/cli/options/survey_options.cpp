@@ -46,6 +46,13 @@ void addCarryOption(FlagParser& flags, SurveyOptions& options) {
   flags.repeated("--carry", &options.carry,
                  "an attribute of the scans that the points get, such as classification or tree_id: what most of a "
                  "point's returns have, of several the lowest; NAME=COLUMN gives its column another name");
+  flags.flag(
+      "--index", options.index,
+      "columns scan and index: the number of the scan and of the row in it of each point's first return, from 0");
+  flags.option(
+      "--crs", &options.crs,
+      "coordinate system of the scans, in place of what LAS files say: a code such as EPSG:32632 (needs proj-bin) "
+      "or a file with well-known text; points.las says it");
 }
 
 std::vector<CarriedName> carriedNames(const SurveyOptions& options) {
@@ -78,6 +85,8 @@ void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& inpu
   input.keep_noise = options.keep_noise;
   if (!options.ray.empty()) input.ray_W = parseVector("--ray", options.ray);
   for (const CarriedName& name : carriedNames(options)) input.carry.push_back(name.in_scans);
+  input.index = options.index;
+  if (!options.crs.empty()) input.crs_wkt = io::crsWkt(options.crs);
 }
 
 std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const SurveyOptions& options) {
@@ -98,6 +107,8 @@ std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const Survey
   if (options.keep_noise) given.emplace_back("keep_noise", "true");
   if (!options.laz_command.empty()) given.emplace_back("laz_command", options.laz_command);
   if (!options.carry.empty()) given.emplace_back("carried", valuesInWords(options.carry));
+  if (options.index) given.emplace_back("index", "true");
+  if (!options.crs.empty()) given.emplace_back("crs", options.crs);
   return given;
 }
 

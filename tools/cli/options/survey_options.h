@@ -18,6 +18,8 @@ struct SurveyOptions {
   double time_offset_s = 0, max_gap_s = 0.2;
   std::string match = "auto";
   bool keep_noise = false;
+  std::string crs;
+  bool index = false;
   std::string carry;  ///< NAME or NAME=COLUMN, with kBetweenValues between several
 };
 

@@ -48,8 +48,10 @@ std::map<std::string, std::string> readingOf(const MapOptions& options) {
   for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
   for (const auto& given : givenSensorOptions(options.sensor))
     if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
-  for (const auto& given : givenSurveyOptions(options.survey))
-    if (given.first == "ray" || given.first == "match" || given.first == "max_gap") reading.insert(given);
+  for (const auto& given : givenSurveyOptions(options.survey)) {
+    const std::set<std::string> of_reading = {"ray", "match", "max_gap", "carried", "index", "crs"};
+    if (of_reading.contains(given.first)) reading.insert(given);
+  }
   if (options.survey.keep_noise) reading["keep_noise"] = "true";
   return reading;
 }

@@ -16,6 +16,7 @@
 #include "output/output_files.h"
 #include "output/progress.h"
 #include "runs/agreement_check.h"
+#include "runs/first_returns.h"
 #include "runs/memory_check.h"
 
 namespace accessvdb::tools {
@@ -28,10 +29,10 @@ constexpr const char* kNotOfThePlan[] = {
     "out",        "device", "threads", "config",    "quiet",      "error-format",      "max-memory", "tiles",
     "bin-memory", "fresh",  "help",    "keep-rays", "no-clobber", "print-config",      "checkpoint", "checkpoint-every",
     "resume",     "append", "html",    "remove",    "removed-as", "allow-disagreement"};
-constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
+constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations", "crs"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
-constexpr const char* kOfTheResult[] = {"tool-unit",   "tool-tip", "tool-axis",     "tool-up", "half",
-                                        "compression", "up-axis",  "points-format", "carry"};
+constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",      "tool-axis", "tool-up", "half", "compression",
+                                        "up-axis",   "points-format", "carry",     "index",   "crs"};
 /// Flags that say what a flight's scans are.
 constexpr const char* kOfAFlight[] = {
     "scans",       "poses",       "calib",    "pose-format", "sensor-at", "every",      "allow-truncated", "sort-poses",
@@ -148,6 +149,7 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   plan.tile_voxels = chosen_voxels > 0 ? chosen_voxels : edgeBelow(wantedTile_m(sources.options), margins, voxel_m);
   plan.margin_voxels = margins.returns_voxels;
   plan.bin_bytes = binBytes(sources.options);
+  plan.frame = sources.scans.frame();
   plan.flights.push_back(flightOf(sources, settings));
   messages.notice("tiles of " + std::to_string(plan.tile_voxels) + " voxels, " +
                   numberText(plan.tile_voxels * voxel_m) + " m, with a margin of " +
@@ -251,6 +253,8 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   for (const tiles::Flight& flight : plan.flights) {
     flights.push_back(optionsFrom(out, flight.settings));
     flights.back().survey.carry = planned.survey.carry;  // all flights carry what the plan says
+    flights.back().survey.index = planned.survey.index;
+    flights.back().exported.points_format = planned.exported.points_format;
   }
   std::vector<ToolSpec> specs = loadTools(planned);
   FieldParams params = fieldParams(planned);
@@ -265,6 +269,7 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   if (plan.parameters != describeTools(specs, params) + textOf(settings, kOfTheResult)) {
     changed("was planned with other parameters");
   }
+  addFirstReturns(plan.frame, params);
   params.mirror_distance = false;  // only for kernels of a live map; takes memory that the prediction does not count
   tiles::Job job = {out, std::move(plan), specs, std::move(params)};
   return {std::move(planned), std::move(flights), std::move(specs), std::move(job)};

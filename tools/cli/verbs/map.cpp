@@ -26,6 +26,7 @@
 #include "output/stop_signal.h"
 #include "runs/agreement_check.h"
 #include "runs/checkpoint.h"
+#include "runs/first_returns.h"
 #include "runs/gpu_fallback.h"
 #include "runs/map_outputs.h"
 #include "runs/map_parameters.h"
@@ -111,9 +112,10 @@ void MapRun::countLeftOut(const io::ScanRecord& record) {
 }
 
 void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
+  const std::vector<std::int32_t> attributes = attributesFor(field.params(), record);
   const FrameStats stats = record.points_W.empty()
-                               ? field.integrateScan(record.points_S, record.T_W_S, stamp_s, record.attributes)
-                               : field.integrateRays(record.points_W, record.origins_W, stamp_s, record.attributes);
+                               ? field.integrateScan(record.points_S, record.T_W_S, stamp_s, attributes)
+                               : field.integrateRays(record.points_W, record.origins_W, stamp_s, attributes);
   report_.add(stats);
   report_.integrate.add(stats.integrate_ms);
   report_.mirror.add(stats.mirror_ms);
@@ -264,7 +266,9 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
                       std::to_string(truncated_points_) + " points announced by the files are missing");
   }
 
-  writeField(field, out, writeOptions(options_.exported));
+  io::WriteOptions files = writeOptions(options_.exported);
+  files.frame = scans.frame();
+  writeField(field, out, files);
   written_ = true;
   addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
   io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
@@ -301,7 +305,9 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
   try {
     const auto points = field.unscoredPoints();
     static_cast<void>(countPoints(report_, field.memoryUse(), *points));
-    writeFieldUnscored(field, out, writeOptions(options_.exported));
+    io::WriteOptions files = writeOptions(options_.exported);
+    files.frame = scans.frame();
+    writeFieldUnscored(field, out, files);
     addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
     io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
     addOutputs(report_.outputs, out, {"preview.png"});
@@ -338,7 +344,8 @@ int MapRun::run() {
   sayAboutScans(scans, messages_);
   if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
 
-  const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
+  FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
+  addFirstReturns(scans.frame(), params);
   FieldParams of_field = params;  // a plan has them as they were given
   of_field.approach.rolls = rollsOf(tools.front().tool, params.approach);
   report_.parameters = reportedParameters(options_, of_field, tools);
