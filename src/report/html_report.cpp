@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string_view>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
@@ -242,6 +243,11 @@ class Page {
         {"tool", tool()}};
     if (!ups_.empty()) json["ups"] = ups_;
     if (!folder_.attributes.empty()) json["tables"] = tables();
+    for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"title", options_.title},
+                                    {"client", options_.client},
+                                    {"site", options_.site}}) {
+      if (!text.empty()) json["header"][key] = text;
+    }
     if (!bounds_W_.isEmpty()) json["bounds"] = {jsonVector(bounds_W_.min()), jsonVector(bounds_W_.max())};
     Json problems = Json::array();
     for (const auto& [id, text] : result_.warnings) problems.push_back({{"id", id}, {"text", text}});

@@ -120,6 +120,18 @@ class ReportPage(unittest.TestCase):
             "document.querySelectorAll('#tables tbody tr')[2].getAttribute('aria-selected')"), "true")
         self.assert_silent()
 
+    def test_title_client_and_site(self):
+        folder = stored_field.write_field(self.root / "for_client", stored_field.random_points(1000))
+        text = lambda name: self.browser.evaluate(f"document.getElementById('{name}').textContent")
+        self.show(self.make(folder))
+        self.assertEqual(text("title"), "for_client")
+        self.assertTrue(self.browser.evaluate("document.getElementById('client').hidden"))
+        self.show(self.make(folder, "--title", "Oaks </script><b>1", "--client", "City", "--site", "Lane & Hill"))
+        self.assertEqual(text("title"), "Oaks </script><b>1")  # as text, whatever it holds
+        self.assertEqual(text("client"), "City · Lane & Hill")
+        self.assertEqual(self.browser.evaluate("document.title"), "Oaks </script><b>1 – accessibility report")
+        self.assert_silent()
+
     def test_of_many_trees_the_page_has_the_largest(self):
         points = stored_field.random_points(30000)
         folder = stored_field.write_field(self.root / "many", points, carried={"tree_id": np.arange(30000) // 2})
