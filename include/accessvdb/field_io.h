@@ -75,10 +75,9 @@ struct PointsHeader {
 /// Hands over one point after the other, so that they are never in memory together. @throws InputError
 ACCESSVDB_API PointsHeader visitPoints(const std::filesystem::path& path,
                                        const std::function<void(const SurfacePoint&)>& take);
-/// The same with what each point's returns carried. @param take  (point, [PointsHeader::attributes])
-ACCESSVDB_API PointsHeader
-visitCarryingPoints(const std::filesystem::path& path,
-                    const std::function<void(const SurfacePoint&, std::span<const std::int32_t>)>& take);
+/// The same with what each point's returns carried.
+using TakeCarryingPoint = std::function<void(const SurfacePoint&, std::span<const std::int32_t> attributes)>;
+ACCESSVDB_API PointsHeader visitCarryingPoints(const std::filesystem::path& path, const TakeCarryingPoint& take);
 
 /// What `info` prints about a grid.
 struct GridSummary {

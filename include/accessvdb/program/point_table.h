@@ -22,15 +22,15 @@ class OutputCheck;
 
 /// Square metres as a whole number, so that no sum depends on the order of its points: in 1e-12 where voxels are below
 /// 10 mm, else in 1e-9. More than 1.8e7 or 1.8e10 square metres are not counted.
-struct ExactArea {
+struct ACCESSVDB_API ExactArea {
   std::uint64_t steps = 0;
   /// @param voxel_size_m  of the field, which decides what a step is
-  [[nodiscard]] ACCESSVDB_API double m2(double voxel_size_m) const;
+  [[nodiscard]] double m2(double voxel_size_m) const;
   /// All decimals, "12.5".
-  [[nodiscard]] ACCESSVDB_API std::string text(double voxel_size_m) const;
+  [[nodiscard]] std::string text(double voxel_size_m) const;
 };
 
-struct PointRow {
+struct ACCESSVDB_API PointRow {
   std::string attribute = {};           ///< empty: the whole field
   std::optional<std::int32_t> id = {};  ///< nothing: the whole, or points without the attribute
   std::array<std::uint64_t, kNumPointLabels> points = {};
@@ -39,8 +39,8 @@ struct PointRow {
   std::uint64_t score_sum = 0, scored = 0;            ///< over the points that have one
   Eigen::AlignedBox3d box_W = {};
 
-  [[nodiscard]] ACCESSVDB_API std::uint64_t allPoints() const;
-  [[nodiscard]] ACCESSVDB_API ExactArea allArea() const;
+  [[nodiscard]] std::uint64_t allPoints() const;
+  [[nodiscard]] ExactArea allArea() const;
 };
 
 /// The whole first, then each attribute's values in ascending order, and last its points without one.

@@ -287,8 +287,7 @@ PointsHeader readPointsHeader(const std::filesystem::path& path) { return PlyRea
 PointsHeader visitPoints(const std::filesystem::path& path, const std::function<void(const SurfacePoint&)>& take) {
   return visitCarryingPoints(path, [&](const SurfacePoint& point, std::span<const std::int32_t>) { take(point); });
 }
-PointsHeader visitCarryingPoints(const std::filesystem::path& path,
-                                 const std::function<void(const SurfacePoint&, std::span<const std::int32_t>)>& take) {
+PointsHeader visitCarryingPoints(const std::filesystem::path& path, const TakeCarryingPoint& take) {
   PlyReader reader(path);
   PointsHeader header = reader.header();
   std::vector<std::int32_t> carried(header.attributes.size());
