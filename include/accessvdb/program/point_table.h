@@ -49,7 +49,8 @@ struct PointTable {
   std::vector<PointRow> rows;
 };
 
-/// Of an output folder of `map`, whole or in tiles, one after the other: a row takes 400 bytes while it is made.
+/// Of an output folder of `map`, whole or in tiles, one after the other: a row takes 400 bytes, and its line as much
+/// again.
 /// @throws InputError  @param check  begins with the files
 [[nodiscard]] ACCESSVDB_API PointTable pointTable(const std::filesystem::path& folder, OutputCheck& check);
 
