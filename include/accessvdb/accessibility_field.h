@@ -183,9 +183,10 @@ class ACCESSVDB_API AccessibilityField {
   /// @throws InvalidArgument "usage.checkpoint" (the paper's update policy, projective fusion), OutputError
   void saveState(const std::filesystem::path& file) const;
   /// A field that goes on where the saved one was. If that one had not been updated, everything that follows has the
-  /// same bits as without the stop, on any backend. If it had, this runs a full update(): labels, and score and
-  /// direction of accessible points, are then those of the whole map; stability and the reasons of blocked points may
-  /// be others than without the stop.
+  /// same bits as without the stop, on any backend. If it had, labels, and score and direction of accessible points,
+  /// are those of the whole map ever after; stability and the reasons of blocked points may be others than without the
+  /// stop. A state that was saved on the processor right after an update has all that this found out, and another field
+  /// there takes it over; otherwise this runs a full update().
   /// @param tool  the one of the saved field
   /// @throws InputError "state.format" (not a state), "state.damaged" (naming the section)
   /// @throws UnusableInput "state.rules" (another program's rules made it), "state.tool" (it is of another tool)

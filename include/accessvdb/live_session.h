@@ -39,11 +39,15 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
+#include "accessvdb/region.h"
+#include "accessvdb/scan_io.h"
+#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb {
 
+struct ToolSpec;
 namespace io {
 struct ScanAgreement;
 }  // namespace io
@@ -53,18 +57,21 @@ enum class ScanDrop : std::uint8_t {
   QueueFull,   ///< there was not even time to fuse it: points near its returns are unscored from then on
   NoPose,      ///< no poses around its time within 0.2 s, or a jump between them
   OutOfOrder,  ///< not later than the scan before it, or waiting and over 10 s later than one that came after it
-  Unusable,    ///< no time, more returns than LiveOptions::most_returns
-  Failed       ///< the step that took it threw
+  Unusable,    ///< no time, more returns than LiveOptions::most_returns, or times of points that cannot be its own
+  Failed,      ///< the step that took it threw
+  Paused       ///< it came after pause()
 };
-inline constexpr int kNumScanDrops = 5;
+inline constexpr int kNumScanDrops = 6;
 constexpr const char* name(ScanDrop reason) {
-  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order", "unusable", "failed"};
+  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order",
+                                                 "unusable",   "failed",  "paused"};
   return kNames[static_cast<int>(reason)];
 }
 
 struct LiveOptions {
   std::size_t queue_scans = 4;  ///< if more wait, the oldest are only fused
-  /// Of all scans that wait (one of less than 100 counts as 100), 192 MB: a further scan drops the oldest.
+  /// Of all scans that wait (one of less than 100 counts as 100, three with times as five), 192 MB: a further scan
+  /// drops the oldest.
   std::size_t most_waiting_returns = 16000000;
   std::size_t most_poses = 4000;       ///< poses that are remembered: 20 s at 200 Hz
   std::size_t most_returns = 4000000;  ///< of one scan
@@ -73,9 +80,15 @@ struct LiveOptions {
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
   std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
+  /// Of scans whose points have times: as in ScanInputOptions. On drops scans without as unusable.
+  io::Deskew deskew = io::Deskew::Auto;
+  /// How the frame of the poses is tilted: map and labels are in one that is level. From the IMU: by what it felt in
+  /// the first second with poses, at rest; scans wait for that.
+  std::optional<io::Level> level = {};
   /// Bytes of map, mirror and points (MemoryUse) from which the map no longer grows (AccessibilityField::stopGrowing):
   /// returns for which it has no place are left out, counted, and block; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
+  std::size_t update_every = 1;  ///< scans that are fused before the next labels
 };
 
 /// The pose of the platform at one time.
@@ -85,6 +98,25 @@ struct LivePose {
   Eigen::Quaterniond q_W_B = Eigen::Quaterniond::Identity();
   /// Name of the world frame, where the sender gives one. The first pose decides; poses in others are not used.
   std::string frame = {};
+  /// Name of what is posed, where the sender gives one; as for `frame`. Scans that name another frame are then placed
+  /// by transforms between the two (addTransform()), unless LiveOptions::T_B_S says where their sensor is.
+  std::string child = {};
+};
+
+/// The pose of one frame in another, as tf has them.
+struct LiveTransform {
+  std::int64_t stamp_ns = 0;
+  std::string parent, child;
+  Eigen::Vector3d p = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
+  bool fixed = false;  ///< at all times (tf_static); the last one counts
+};
+
+/// What an IMU measured.
+struct LiveImu {
+  std::int64_t stamp_ns = 0;
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< specific force: up, at rest; any unit
+  std::string frame = {};  ///< of the first one; where no transform connects it, that of what is posed
 };
 
 /// One scan. Its returns are in `points`, or in `points_double` if the sender has doubles.
@@ -95,6 +127,12 @@ struct LiveScan {
   /// Name of the frame of the points, where the sender gives one. If it is the frame that the poses are in, the points
   /// are in the world already, and the pose only tells where the sensor was; otherwise they are in the sensor's frame.
   std::string frame = {};
+  /// When each point was measured, or empty: each is then placed by the pose at its own time, and each ray of points
+  /// that are in the world begins where the sensor was. Such a scan waits until there are poses for all of it.
+  std::vector<double> times = {};
+  /// Of `times`, which then count from stamp_ns: 1, 1e-3, 1e-6 or 1e-9. 0: unit and clock are told from the latest
+  /// scans, by the rules of docs/recordings.md, "Motion within a scan".
+  double time_unit_s = 0;
 };
 
 /// What one step() did.
@@ -104,12 +142,22 @@ struct LiveStep {
   FrameStats fused;
   UpdateStats scored;
   std::uint64_t excluded_returns = 0;  ///< inside LiveOptions::exclude_box_S
+  std::uint64_t unposed_returns = 0;   ///< left out: no pose at the time at which they were measured
   std::uint64_t left_out_returns = 0;  ///< no place for them, with the memory limit reached
-  bool late = false;                   ///< only fused: labels come with a later step
+  bool by_times = false;               ///< each return by the pose at its own time
+  bool late = false;                   ///< only fused, since too many wait: labels come with a later step
   double waited_ms = 0;                ///< from addScan() to the beginning of the step
   double latency_ms = 0;               ///< from addScan() to labels
-  /// Points that are new, or whose label, reason or direction changed, in ascending order of their ids.
+  /// Points that are new, or whose label, reason or direction changed, or which of several tools reach them; in
+  /// ascending order of their ids. None after a step without labels: late, or between those of
+  /// LiveOptions::update_every.
   std::vector<SurfacePoint> changed;
+};
+
+/// What removeRegion() did.
+struct LiveRemoval {
+  Removal removal;
+  std::vector<SurfacePoint> changed;  ///< as LiveStep::changed
 };
 
 struct DroppedScan {
@@ -130,16 +178,29 @@ struct LiveStatus {
   std::uint64_t poses_backwards = 0;    ///< earlier than the one before
   std::uint64_t poses_other_frame = 0;  ///< in another frame than the first: not used
 
-  std::string world_frame = {};  ///< of the first pose
+  std::uint64_t transforms = 0;          ///< that were added
+  std::uint64_t transforms_invalid = 0;  ///< not finite, not a rotation, without names: not used
+  /// Of frames that were posed in another one before, or of more frames than are kept (1000): not used.
+  std::uint64_t transforms_other_parent = 0;
+
+  std::string world_frame = {};        ///< of the first pose
+  std::string sensor_chain = {};       ///< by which transforms the last scan was placed: "odom -> body -> lidar"
+  std::string unconnected_frame = {};  ///< of the last scan that was dropped since no transform connects its frame
+  double extrinsic_m = 0;              ///< how far the sensor of the last scan is from what is posed
 
   std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
   std::uint64_t late = 0;                        ///< of taken: only fused, since too many waited
+  std::uint64_t by_times = 0;                    ///< of taken: each return by the pose at its own time
+  std::string motion = {};                       ///< what is done about motion within scans, and why
   std::uint64_t excluded_returns = 0;
+  std::uint64_t unposed_returns = 0;
   std::uint64_t left_out_returns = 0;  ///< no memory, or no time: the returns of scans dropped as queue_full, too
   std::uint64_t surface_points = 0;
   std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
   std::uint64_t memory_limit_bytes = 0;
   bool memory_full = false;  ///< no new space is taken any more
+  bool paused = false;
+  std::uint64_t resets = 0;
 
   /// From addScan() to labels, over the last 4096 scans taken.
   double latency_p50_ms = 0, latency_p99_ms = 0, latency_max_ms = 0;
@@ -151,21 +212,31 @@ struct LiveStatus {
   }
 };
 
-/// addPose(), addScan(), endOfPoses(), waitForWork(), status() and takeDropped() may be called from any thread at any
-/// time; everything else from one thread at a time.
+/// addPose(), addTransform(), addImu(), addScan(), pause(), endOfPoses(), waitForWork(), status() and takeDropped() may
+/// be called from any thread at any time; everything else from one thread at a time.
 class ACCESSVDB_API LiveSession {
  public:
-  /// @throws InvalidArgument "live.queue", "live.poses", "live.window"; what AccessibilityField's constructor throws
+  /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "usage.update_every"; what AccessibilityField's
+  /// constructor throws
   LiveSession(const ToolGeometry& tool, const FieldParams& params = {}, const LiveOptions& options = {});
+  /// Several tools over one map, as AccessibilityField. @param progress  of the tools' tables
+  explicit LiveSession(std::vector<ToolSpec> tools, const FieldParams& params = {}, const LiveOptions& options = {},
+                       const TableProgress& progress = {});
   ~LiveSession();
   LiveSession(LiveSession&&) noexcept;
   LiveSession& operator=(LiveSession&&) noexcept;
 
   /// Bad poses are counted, never used.
   void addPose(const LivePose& pose);
+  /// As in recordings (docs/recordings.md, "Which frame"): a frame keeps its first parent, and what poses say of a
+  /// frame takes the place of what transforms say. Bad ones are counted, never used.
+  void addTransform(const LiveTransform& transform);
+  /// Used for LiveOptions::level, until that is known.
+  void addImu(const LiveImu& imu);
   /// Never waits for a step(). Bad scans are counted, never used.
   void addScan(LiveScan scan);
-  /// No more poses will come: scans that wait for some are dropped. A later addPose() takes it back.
+  /// No more poses will come: scans that wait for some are dropped, and once none is left, a step() scores what
+  /// LiveOptions::update_every left. A later addPose() takes it back.
   void endOfPoses();
 
   /// Waits until step() has something to do, at most so long. @return whether it has
@@ -173,13 +244,24 @@ class ACCESSVDB_API LiveSession {
   /// Fuses the oldest scan that has a pose, and scores what it changed.
   /// @return nothing if no scan is ready
   /// @throws what AccessibilityField::integrateScan() and update() throw; that scan then counts as failed
+  /// @throws UnusableInput "level.no_imu", "level.moving": no scan will have a pose
   std::optional<LiveStep> step();
+
+  /// From now on scans that come are dropped as paused, or taken again. Those that wait keep their turn.
+  void pause(bool paused);
+  /// The map is forgotten, and points are counted from 0 again. Poses, transforms and scans that wait are kept; scans
+  /// may have earlier times than before.
+  void reset();
+  /// As AccessibilityField::removeRegion() and update().
+  [[nodiscard]] LiveRemoval removeRegion(const Region& region, RemovedAs as = RemovedAs::Unknown);
 
   [[nodiscard]] LiveStatus status() const;
   /// The scans dropped since the last call, the last 1024 at most; all are counted in status().
   [[nodiscard]] std::vector<DroppedScan> takeDropped();
   /// As of the last step().
   [[nodiscard]] const AccessibilityField& field() const;
+  /// What turns the frame of the poses into that of the map; nothing as long as it is the same, or not known yet.
+  [[nodiscard]] std::optional<Eigen::Matrix3d> levelling() const;
   /// Whether the scans agree, of the latest ones that were compared (accessvdb/program/scan_agreement.h).
   [[nodiscard]] io::ScanAgreement agreement() const;
 

@@ -48,6 +48,7 @@ try:
         ProjectiveParams,
         Region,
         Removal,
+        RollingField,
         ScanRecord,
         ScanSequence,
         ScoringParams,

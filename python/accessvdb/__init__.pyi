@@ -680,7 +680,13 @@ class LiveStep:
     def late(self) -> bool:
         """Only fused, since more than queue_scans waited: labels come with a later step."""
     @property
+    def by_times(self) -> bool:
+        """Each return by the pose at its own time."""
+    @property
     def excluded_returns(self) -> int: ...
+    @property
+    def unposed_returns(self) -> int:
+        """Left out: no pose at the time at which they were measured."""
     @property
     def left_out_returns(self) -> int:
         """Returns for which there was no memory: they block."""
@@ -694,28 +700,78 @@ class LiveStep:
 
 @final
 class LiveSession:
-    """A field that is fed while the scanner runs, by any transport: docs/live.md. add_pose(), add_scan(),
+    """A field that is fed while the scanner runs, by any transport: docs/live.md. add_pose(), add_transform(), add_scan(),
     end_of_poses(), wait_for_work() and status() may be called from any thread at any time."""
 
     def __init__(
         self,
-        tool: ToolGeometry,
+        tool: Optional[ToolGeometry] = ...,
         params: Union[FieldParams, Mapping[str, Any], None] = ...,
         *,
+        tools: Optional[Sequence[Union[ToolSpec, ToolGeometry]]] = ...,
         queue_scans: int = ...,
         most_poses: int = ...,
         memory_limit_bytes: int = ...,
         T_B_S: Optional[npt.ArrayLike] = ...,
         exclude_box_S: Optional[npt.ArrayLike] = ...,
         max_gap_s: float = ...,
+        deskew: _Deskew = ...,
+        update_every: int = ...,
+        level: Union[Literal["imu"], Tuple[float, float], None] = ...,
     ) -> None: ...
-    def add_pose(self, stamp_ns: int, p_W: npt.ArrayLike, q_xyzw: npt.ArrayLike, frame: str = ...) -> None: ...
-    def add_scan(self, stamp_ns: int, points: npt.ArrayLike, frame: str = ...) -> None: ...
+    def add_pose(
+        self, stamp_ns: int, p_W: npt.ArrayLike, q_xyzw: npt.ArrayLike, frame: str = ..., child: str = ...
+    ) -> None: ...
+    def add_transform(
+        self, parent: str, child: str, p: npt.ArrayLike, q_xyzw: npt.ArrayLike, stamp_ns: Optional[int] = ...
+    ) -> None: ...
+    def add_imu(self, stamp_ns: int, force: npt.ArrayLike, frame: str = ...) -> None: ...
+    def add_scan(
+        self,
+        stamp_ns: int,
+        points: npt.ArrayLike,
+        frame: str = ...,
+        times: Optional[npt.ArrayLike] = ...,
+        time_unit_s: float = ...,
+    ) -> None: ...
+    def pause(self, paused: bool = ...) -> None: ...
+    def reset(self) -> None: ...
+    def remove_box(self, min_W: _Three, max_W: _Three, removed_as: Literal["unknown", "free"] = ...) -> FieldSnapshot: ...
+    @property
+    def R_L_W(self) -> Optional[npt.NDArray[np.float64]]:
+        """(3, 3): what turns the frame of the poses into that of the map."""
     def end_of_poses(self) -> None: ...
     def wait_for_work(self, at_most_s: float) -> bool: ...
     def step(self) -> Optional[LiveStep]: ...
     def status(self) -> Dict[str, Any]: ...
     def snapshot(self) -> FieldSnapshot: ...
+    def write(self, folder: _Path) -> None: ...
+
+@final
+class RollingField:
+    """A field of any extent in bounded memory, which forgets nothing: docs/developers.md, "Without end"."""
+
+    def __init__(
+        self,
+        tools: Sequence[Union[ToolSpec, ToolGeometry]],
+        params: Union[FieldParams, Mapping[str, Any], None] = ...,
+        *,
+        folder: _Path,
+        memory_limit_bytes: int = ...,
+        device_limit_bytes: int = ...,
+        tile_voxels: int = ...,
+        resume: bool = ...,
+    ) -> None: ...
+    def integrate_scan(
+        self, points_S: npt.ArrayLike, T_W_S: npt.ArrayLike, *, stamp_s: Optional[float] = ...
+    ) -> FrameStats: ...
+    def integrate_rays(
+        self, points_W: npt.ArrayLike, origins_W: npt.ArrayLike, *, stamp_s: Optional[float] = ...
+    ) -> FrameStats: ...
+    def update(self) -> UpdateStats: ...
+    def snapshot(self) -> FieldSnapshot: ...
+    def status(self) -> Dict[str, Any]: ...
+    def checkpoint(self) -> None: ...
     def write(self, folder: _Path) -> None: ...
 
 @final

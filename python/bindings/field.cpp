@@ -34,6 +34,29 @@ inline constexpr std::array kWords<io::Compression> = {"auto", "blosc", "zip", "
 template <>
 inline constexpr std::array kWords<io::UpAxis> = {"z", "y"};
 
+double stampFrom(const py::object& stamp_s) {
+  return stamp_s.is_none() ? std::numeric_limits<double>::quiet_NaN() : numberFrom("stamp_s", stamp_s);
+}
+
+std::vector<ToolSpec> toolsFrom(const py::object& tools) {
+  std::vector<ToolSpec> specs;
+  for (const py::handle each : tools) {
+    if (py::isinstance<ToolGeometry>(each)) {
+      specs.push_back({each.cast<ToolGeometry>(), {}, 0, {}, 0});
+    } else if (py::isinstance<ToolSpec>(each)) {
+      specs.push_back(each.cast<ToolSpec>());
+    } else {
+      throw py::type_error("tools holds something that is neither a ToolSpec nor a ToolGeometry");
+    }
+  }
+  return specs;
+}
+
+void requireOneOf(const py::object& tool, const py::object& tools) {
+  if (tool.is_none() == tools.is_none()) throw py::type_error("give either tool or tools");
+  if (!tool.is_none() && !py::isinstance<ToolGeometry>(tool)) throw py::type_error("tool is not a ToolGeometry");
+}
+
 namespace {
 
 void bindReports(py::module_& module) {
@@ -125,27 +148,6 @@ void bindTicket(py::module_& module) {
       });
 }
 
-/// @param tool   ToolGeometry or None  @param tools  sequence of ToolSpec and ToolGeometry, or None
-std::vector<ToolSpec> toolsFrom(const py::object& tools) {
-  std::vector<ToolSpec> specs;
-  for (const py::handle each : tools) {
-    if (py::isinstance<ToolGeometry>(each)) {
-      specs.push_back({each.cast<ToolGeometry>(), {}, 0, {}, 0});
-    } else if (py::isinstance<ToolSpec>(each)) {
-      specs.push_back(each.cast<ToolSpec>());
-    } else {
-      throw py::type_error("tools holds something that is neither a ToolSpec nor a ToolGeometry");
-    }
-  }
-  return specs;
-}
-
-/// @throws TypeError unless exactly one of them is given
-void requireOneOf(const py::object& tool, const py::object& tools) {
-  if (tool.is_none() == tools.is_none()) throw py::type_error("give either tool or tools");
-  if (!tool.is_none() && !py::isinstance<ToolGeometry>(tool)) throw py::type_error("tool is not a ToolGeometry");
-}
-
 std::unique_ptr<LockedField> makeField(const py::object& tool, const py::object& params, const py::object& tools) {
   requireOneOf(tool, tools);
   const FieldParams given = fieldParamsFrom(params);
@@ -171,11 +173,6 @@ std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const 
   const auto one = tool.cast<ToolGeometry>();
   return withoutLock(
       [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, one, kind, count)); });
-}
-
-/// None counts as missing, as every number that is not finite.
-double stampFrom(const py::object& stamp_s) {
-  return stamp_s.is_none() ? std::numeric_limits<double>::quiet_NaN() : numberFrom("stamp_s", stamp_s);
 }
 
 /// Rows of whole numbers of 32 bits, one for each return, or one number for each. None: nothing.

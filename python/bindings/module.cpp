@@ -16,6 +16,7 @@ PYBIND11_MODULE(_accessvdb, module) {
   bindRegions(module);
   bindAnswers(module);
   bindLive(module);
+  bindRolling(module);
   bindScans(module);
   bindField(module);
   bindStoredField(module);

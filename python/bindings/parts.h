@@ -5,6 +5,11 @@
 
 #include <pybind11/pybind11.h>
 
+#include <vector>
+
+#include "accessvdb/scan_io.h"
+#include "accessvdb/tool_spec.h"
+
 namespace accessvdb::python {
 
 void bindErrors(pybind11::module_& module);
@@ -17,8 +22,18 @@ void bindAccessMap(pybind11::module_& module);
 void bindRegions(pybind11::module_& module);
 void bindField(pybind11::module_& module);
 void bindLive(pybind11::module_& module);
+void bindRolling(pybind11::module_& module);
 void bindScans(pybind11::module_& module);
 void bindStoredField(pybind11::module_& module);
 void bindRender(pybind11::module_& module);
+
+/// @param tools  sequence of ToolSpec and ToolGeometry
+std::vector<ToolSpec> toolsFrom(const pybind11::object& tools);
+/// @throws TypeError unless exactly one of them is given
+void requireOneOf(const pybind11::object& tool, const pybind11::object& tools);
+/// None counts as missing, as every number that is not finite.
+double stampFrom(const pybind11::object& stamp_s);
+/// "imu", or roll and pitch in radians. @throws TypeError, ValueError
+io::Level levelFrom(const pybind11::object& level);
 
 }  // namespace accessvdb::python

@@ -21,18 +21,7 @@ namespace accessvdb::python {
 template <>
 inline constexpr std::array kWords<io::PoseFormat> = {"auto", "tum", "kitti", "balm", "hba", "viewpoint"};
 template <>
-inline constexpr std::array kWords<io::Deskew> = {"auto", "on", "off"};
-template <>
 inline constexpr std::array kWords<io::Match> = {"auto", "order", "name", "time"};
-
-namespace {
-
-/// A sequence whose reads take turns, each without holding the interpreter's lock.
-struct LockedScans {
-  std::mutex turn;
-  io::ScanSequence scans;
-  explicit LockedScans(io::ScanSequence&& opened) : scans(std::move(opened)) {}
-};
 
 io::Level levelFrom(const py::object& level) {
   if (py::isinstance<py::str>(level)) {
@@ -44,6 +33,15 @@ io::Level levelFrom(const py::object& level) {
   const auto angles = py::reinterpret_borrow<py::sequence>(level);
   return {false, numberFrom("level", angles[0]), numberFrom("level", angles[1])};
 }
+
+namespace {
+
+/// A sequence whose reads take turns, each without holding the interpreter's lock.
+struct LockedScans {
+  std::mutex turn;
+  io::ScanSequence scans;
+  explicit LockedScans(io::ScanSequence&& opened) : scans(std::move(opened)) {}
+};
 
 std::unique_ptr<LockedScans> openScans(
     const std::filesystem::path& scans, const std::optional<std::filesystem::path>& poses,

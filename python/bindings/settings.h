@@ -21,6 +21,7 @@
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/params_rows.h"
+#include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 
 namespace accessvdb::python {
@@ -28,6 +29,8 @@ namespace accessvdb::python {
 /// The words for an enum's values, in its order; the same as in files.
 template <typename Enum>
 inline constexpr auto kWords = kEnumWords<Enum>;
+template <>
+inline constexpr std::array kWords<io::Deskew> = {"auto", "on", "off"};
 template <>
 inline constexpr std::array kWords<LengthUnit> = {"m", "cm", "mm", "in"};
 

@@ -23,19 +23,25 @@ struct Field {
 constexpr Field kFields[] = {{"x", 0, kFloat32},     {"y", 4, kFloat32},     {"z", 8, kFloat32},
                              {"rgb", 12, kFloat32},  {"id", 16, kUint32},    {"label", 20, kUint8},
                              {"reason", 21, kUint8}, {"score", 22, kUint16}, {"confidence", 24, kFloat32},
-                             {"dx", 28, kFloat32},   {"dy", 32, kFloat32},   {"dz", 36, kFloat32}};
+                             {"dx", 28, kFloat32},   {"dy", 32, kFloat32},   {"dz", 36, kFloat32},
+                             {"tools", 40, kUint32}};
 
 template <typename T>
 void put(char* point, std::size_t offset, T value) {
   std::memcpy(point + offset, &value, sizeof(T));
 }
 
-void putPoint(char* to, const SurfacePoint& point) {
+void putPoint(char* to, SurfacePoint point, const OutgoingFrame& frame) {
   const internal::Rgb rgb = internal::colourOf(point.label);
+  if (frame.R_L_W) {
+    point.position_W = frame.R_L_W->transpose() * point.position_W;
+    point.direction_W = frame.R_L_W->cast<float>().transpose() * point.direction_W;
+  }
   for (int axis = 0; axis < 3; ++axis) {
     put(to, static_cast<std::size_t>(4 * axis), static_cast<float>(point.position_W[axis]));
     put(to, static_cast<std::size_t>(28 + 4 * axis), point.direction_W[axis]);
   }
+  if (frame.several_tools) put(to, 40, point.tools);
   put(to, 12, (std::uint32_t{rgb[0]} << 16) | (std::uint32_t{rgb[1]} << 8) | rgb[2]);
   put(to, 16, point.id);
   put(to, 20, static_cast<std::uint8_t>(point.label));
@@ -45,38 +51,40 @@ void putPoint(char* to, const SurfacePoint& point) {
 }
 
 template <typename PointAt>
-std::string cloud(std::size_t count, const PointAt& pointAt, std::int64_t stamp_ns, const std::string& frame) {
+std::string cloud(std::size_t count, const PointAt& pointAt, std::int64_t stamp_ns, const OutgoingFrame& frame) {
+  const std::size_t point_bytes = kPointBytes + (frame.several_tools ? kToolBytes : 0);
+  const std::span<const Field> fields(kFields, std::size(kFields) - (frame.several_tools ? 0 : 1));
   constexpr std::int64_t kNanoseconds = 1'000'000'000;
   CdrWriter message;
   message.number(static_cast<std::int32_t>(stamp_ns / kNanoseconds));
   message.number(static_cast<std::uint32_t>(stamp_ns % kNanoseconds));
-  message.text(frame);
+  message.text(frame.name);
   message.number(std::uint32_t{1});  // height
   message.number(static_cast<std::uint32_t>(count));
-  message.number(static_cast<std::uint32_t>(std::size(kFields)));
-  for (const Field& field : kFields) {
+  message.number(static_cast<std::uint32_t>(fields.size()));
+  for (const Field& field : fields) {
     message.text(field.name);
     message.number(field.offset);
     message.number(field.type);
     message.number(std::uint32_t{1});  // how many
   }
   message.number(std::uint8_t{0});  // not big-endian
-  message.number(static_cast<std::uint32_t>(kPointBytes));
-  message.number(static_cast<std::uint32_t>(kPointBytes * count));  // row
-  const std::size_t begin = message.room(kPointBytes * count);
-  for (std::size_t n = 0; n < count; ++n) putPoint(message.bytes().data() + begin + kPointBytes * n, pointAt(n));
+  message.number(static_cast<std::uint32_t>(point_bytes));
+  message.number(static_cast<std::uint32_t>(point_bytes * count));  // row
+  const std::size_t begin = message.room(point_bytes * count);
+  for (std::size_t n = 0; n < count; ++n) putPoint(message.bytes().data() + begin + point_bytes * n, pointAt(n), frame);
   message.number(std::uint8_t{1});  // dense: no point is without a place
   return message.take();
 }
 
 }  // namespace
 
-std::string cloudMessage(const SurfacePoints& points, std::int64_t stamp_ns, const std::string& frame) {
+std::string cloudMessage(const SurfacePoints& points, std::int64_t stamp_ns, const OutgoingFrame& frame) {
   return cloud(
       points.size(), [&](std::size_t n) { return points.at(n); }, stamp_ns, frame);
 }
 
-std::string cloudMessage(std::span<const SurfacePoint> points, std::int64_t stamp_ns, const std::string& frame) {
+std::string cloudMessage(std::span<const SurfacePoint> points, std::int64_t stamp_ns, const OutgoingFrame& frame) {
   return cloud(
       points.size(), [&](std::size_t n) -> const SurfacePoint& { return points[n]; }, stamp_ns, frame);
 }

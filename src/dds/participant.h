@@ -22,17 +22,27 @@ struct ParticipantOptions {
   int domain = 0;        ///< 0 .. 232
   bool network = false;  ///< all interfaces with multicast, else UDP on 127.0.0.1 alone
   std::uint32_t most_message_bytes = 16U << 20;
-  std::string cloud_topic, pose_topic;  ///< as ROS names them: "/livox/lidar"
+  /// As ROS names them: "/livox/lidar". The IMU's may be empty.
+  std::string cloud_topic, pose_topic, imu_topic;
 };
+
+inline constexpr const char* kCommandTopic = "/accessvdb/command";
+/// Texts, of commands and of the status, have no more; longer ones are not accepted.
+inline constexpr std::uint32_t kMostTextBytes = 64U << 10;
+inline constexpr const char* kTransformTopics[] = {"/tf", "/tf_static"};
 
 /// What receives. Called from threads of the middleware, which must not wait.
 struct Receivers {
   std::function<void(LiveScan)> scan;
   std::function<void(LivePose)> pose;
+  std::function<void(LiveTransform)> transform;
+  std::function<void(LiveImu)> imu;
+  std::function<void(std::string)> command;
 };
 
 /// One topic that is subscribed to.
 struct TopicState {
+  std::string topic;              ///< as ROS names it
   std::string type;               ///< as ROS names it; empty as long as nobody publishes it
   std::uint64_t senders = 0;      ///< connected now
   std::uint64_t received = 0;     ///< messages that arrived
@@ -41,13 +51,19 @@ struct TopicState {
   std::string last_problem = {};  ///< of the last malformed one
 };
 
+enum class Input { Clouds, Poses, Transforms, FixedTransforms, Imu, Commands };
+inline constexpr int kNumInputs = 6;
+
 enum class Output { Points, Changes, Status };
 inline constexpr const char* kOutputTopics[] = {"/accessvdb/points", "/accessvdb/changes", "/accessvdb/status"};
+
+/// "Fast DDS 2.9.1"
+[[nodiscard]] std::string middleware();
 
 class Participant {
  public:
   /// Joins a domain. @throws ResourceLimit "dds.participant"
-  Participant(const ParticipantOptions& options, Receivers receivers);
+  Participant(const ParticipantOptions& options, const Receivers& receivers);
   ~Participant();
   Participant(const Participant&) = delete;
   Participant& operator=(const Participant&) = delete;
@@ -63,8 +79,7 @@ class Participant {
   /// Programs that subscribe to an output now.
   [[nodiscard]] std::uint64_t subscribers(Output output) const;
 
-  [[nodiscard]] TopicState clouds() const;
-  [[nodiscard]] TopicState poses() const;
+  [[nodiscard]] TopicState state(Input input) const;
 
  private:
   struct Impl;

@@ -239,12 +239,16 @@ AccessibilityField AccessibilityField::loadState(const std::filesystem::path& fi
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
 
 FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
-                                                 std::span<const Eigen::Vector3f> q_L,
+                                                 std::span<const Eigen::Vector3f> q_L, double stamp_s,
                                                  std::span<const std::int32_t> attributes) {
   const GateScan gate = [&](FrameStats& stats) -> const GatedScan& {
     return field.impl_->gate.gateLocal(p_L, q_L, stats, attributes);
   };
-  return internal::integrateScan(*field.impl_, gate);
+  return internal::integrateScan(*field.impl_, gate, stamp_s);
+}
+
+void internal::FieldAccess::advanceTime(AccessibilityField& field, std::optional<double> latest_s, double age_s) {
+  internal::advanceTime(*field.impl_, latest_s, age_s);
 }
 
 AccessibilityField internal::FieldAccess::load(StateReader& state, const std::vector<ToolSpec>& tools,

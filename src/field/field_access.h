@@ -5,6 +5,8 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -28,9 +30,13 @@ struct FieldCounts {
 
 struct FieldAccess {
   /// Fuses returns that passed a gate before (ScanGate), as it left them: in the local frame, metres, float32. Ranges
-  /// are not checked again. @param q_L  [n] or [1] sensor positions  @param attributes  as for integrateScan()
+  /// are not checked again. @param q_L  [n] or [1] sensor positions  @param stamp_s, attributes  as for integrateScan()
   static FrameStats integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
-                                   std::span<const Eigen::Vector3f> q_L, std::span<const std::int32_t> attributes = {});
+                                   std::span<const Eigen::Vector3f> q_L,
+                                   double stamp_s = std::numeric_limits<double>::quiet_NaN(),
+                                   std::span<const std::int32_t> attributes = {});
+  /// Of a tile: brings its time to that of the larger map (frame_loop.h).
+  static void advanceTime(AccessibilityField& field, std::optional<double> latest_s, double age_s);
   /// @param tools  named @throws UnusableInput "state.tool" if the state is not of these
   [[nodiscard]] static AccessibilityField load(StateReader& state, const std::vector<ToolSpec>& tools,
                                                BackendKind backend, int threads, const TableProgress& progress = {});

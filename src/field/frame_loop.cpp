@@ -12,10 +12,12 @@ namespace accessvdb::internal {
 namespace {
 
 /// @return where voxels are no longer free
-std::vector<std::span<const LeafChange>> ageFreeSpace(FieldStages& field, double passed_s) {
+std::vector<std::span<const LeafChange>> ageFreeSpace(FieldStages& field, double age_s) {
   field.steps.waitForMap();
-  return field.map.generations()->pass(field.map, passed_s);
+  return field.map.generations()->passTo(field.map, age_s);
 }
+
+double ageAfter(const FieldStages& field, double passed_s) { return field.map.generations()->ageAfter(passed_s); }
 
 /// @return where rays opened voxels of what has gone
 std::vector<LeafChange> openWhatHasGone(FieldStages& field, const GatedScan& scan,
@@ -58,7 +60,7 @@ double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, Fram
   // What is news is judged before free space ages.
   const auto bin_and_age = [&] {
     field.integrator.bin(scan.p_L, scan.q_L);
-    if (field.map.agesFreeSpace()) changes.aged = ageFreeSpace(field, passed_s);
+    if (field.map.agesFreeSpace()) changes.aged = ageFreeSpace(field, ageAfter(field, passed_s));
   };
   runBeside(add_points, bin_and_age);
 
@@ -86,18 +88,16 @@ double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, Fram
 }
 
 /// Time passes without a return.
-void passTime(FieldStages& field, double passed_s, FrameStats& stats) {
+void passTime(FieldStages& field, double age_s, FrameStats& stats) {
   field.steps.joinUpdate();
-  const std::vector<std::span<const LeafChange>> aged = ageFreeSpace(field, passed_s);
+  const std::vector<std::span<const LeafChange>> aged = ageFreeSpace(field, age_s);
   if (aged.empty()) return;
   field.scheduler->noteChangesAlone(aged);
   field.mirrors.takeFacts(aged, stats);
 }
 
 UpdateStats update(FieldStages& field, const BackgroundUpdate::ReleaseMap& release_map) {
-  field.gone_points.publish();
-  field.left_out_points.publish(field.points, field.map.leftOut(), field.gone_points.published(),
-                                field.gate.origin_W());
+  publishWithheld(field);
   field.scheduler->whenMapIsReleased(release_map);
   const UpdateStats stats = field.scheduler->update(field.mirrors.grid());
   field.labels.backlog = stats.backlog;
@@ -119,7 +119,7 @@ FrameStats integrateScan(FieldStages& field, const GateScan& gate, double stamp_
       field.steps.runBesideUpdate([&] { noting_ms = takeScan(field, scan, passed_s, stats); });
     } else if (passed_s > 0 && field.map.agesFreeSpace()) {
       field.labels.current = false;
-      field.steps.runBesideUpdate([&] { passTime(field, passed_s, stats); });
+      field.steps.runBesideUpdate([&] { passTime(field, ageAfter(field, passed_s), stats); });
     }
   });
   ++field.labels.scans;
@@ -127,6 +127,21 @@ FrameStats integrateScan(FieldStages& field, const GateScan& gate, double stamp_
   field.labels.noted_ms += noting_ms;
   stats.integrate_ms = all.milliseconds() - stats.mirror_ms - noting_ms;
   return stats;
+}
+
+void publishWithheld(FieldStages& field) {
+  field.gone_points.publish();
+  field.left_out_points.publish(field.points, field.map.leftOut(), field.gone_points.published(),
+                                field.gate.origin_W());
+}
+
+void advanceTime(FieldStages& field, std::optional<double> latest_s, double age_s) {
+  field.steps.requireUnbroken();
+  field.clock = FieldClock(latest_s);
+  if (!field.map.agesFreeSpace() || !(age_s > field.map.generations()->age_s())) return;
+  field.labels.current = false;
+  FrameStats ignored;
+  field.arena.execute([&] { field.steps.runBesideUpdate([&] { passTime(field, age_s, ignored); }); });
 }
 
 UpdateStats updateLabels(FieldStages& field) {

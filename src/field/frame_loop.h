@@ -5,6 +5,7 @@
 
 #include <functional>
 #include <limits>
+#include <optional>
 
 #include "field/field_stages.h"
 
@@ -16,6 +17,14 @@ using GateScan = std::function<const GatedScan&(FrameStats& stats)>;
 /// Takes a scan into map, points and mirrors. @param stamp_s  not finite: the scan has none
 FrameStats integrateScan(FieldStages& field, const GateScan& gate,
                          double stamp_s = std::numeric_limits<double>::quiet_NaN());
+
+/// Brings the field's time to where that of a larger map is, of which it is a tile: free space ages as if it had got
+/// every scan of that map, most of them without a return here.
+/// @param latest_s  stamp of the latest scan there  @param age_s  FreeGenerations::age_s() there; not less than here
+void advanceTime(FieldStages& field, std::optional<double> latest_s, double age_s);
+
+/// Points that are unscored whatever their state says are so from now on: at each update.
+void publishWithheld(FieldStages& field);
 
 /// Brings the labels up to date, at once or on a thread of its own.
 UpdateStats updateLabels(FieldStages& field);

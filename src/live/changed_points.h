@@ -12,6 +12,9 @@ namespace accessvdb::internal {
 
 class ChangedPoints {
  public:
+  /// @param several  tools: which of them reach a point counts, too
+  explicit ChangedPoints(bool several) : several_(several) {}
+
   /// Compares with the call before. Scores and confidence change with nearly every scan and do not count.
   /// @param points  all points of a field, of which the first ones are those of the call before
   /// @return those that are new, or whose label, reason or direction changed, in the same order
@@ -24,7 +27,9 @@ class ChangedPoints {
     std::uint16_t direction;
     bool operator==(const Seen&) const = default;
   };
+  bool several_;
   std::vector<Seen> seen_;
+  std::vector<std::uint32_t> tools_;  ///< [seen_] of several
 };
 
 }  // namespace accessvdb::internal

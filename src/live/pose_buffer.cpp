@@ -39,13 +39,18 @@ bool PoseBuffer::add(std::int64_t stamp_ns, const Eigen::Vector3d& p, const Eige
   entry.T.translation() = p;
   poses_.insert(after, entry);
   arrived_ns_.push_back(stamp_ns);
-  if (poses_.size() > most_) {
+  keepAtMost(most_);
+  return true;
+}
+
+void PoseBuffer::keepAtMost(std::size_t most) {
+  most_ = most;
+  while (poses_.size() > most_) {
     const std::int64_t oldest_ns = arrived_ns_.front();
     arrived_ns_.pop_front();
     poses_.erase(std::lower_bound(poses_.begin(), poses_.end(), oldest_ns,
                                   [](const Entry& pose, std::int64_t stamp) { return pose.stamp_ns < stamp; }));
   }
-  return true;
 }
 
 std::optional<Eigen::Isometry3d> PoseBuffer::at(std::int64_t stamp_ns) const {

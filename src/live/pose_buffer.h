@@ -37,6 +37,9 @@ class PoseBuffer {
     return last_arrived_ns_ && stamp_ns - *last_arrived_ns_ > far_ns;
   }
 
+  /// From now on no more than that.
+  void keepAtMost(std::size_t most);
+
   [[nodiscard]] const Counts& counts() const { return counts_; }
   [[nodiscard]] std::size_t size() const { return poses_.size(); }
 

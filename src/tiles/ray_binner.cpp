@@ -10,98 +10,28 @@
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "field/scan_gate.h"
-#include "hostdev/occupancy_query.h"
-#include "hostdev/voxel_scale.h"
 #include "io/streams/input_file.h"
 #include "tiles/json_file.h"
 #include "tiles/own_files.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
-#include "tiles/tile_grid.h"
+#include "tiles/step_sorter.h"
 
 namespace accessvdb::tiles {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// Which returns of a step go to which tile.
-class StepSorter {
- public:
-  StepSorter(const Plan& plan, const TsdfParams& params)
-      : grid_(plan.tile_voxels, plan.margin_voxels),
-        inverse_voxel_size_(kernels::VoxelScale(params.voxel_size_m).inverse_float32) {}
-
-  /// @return number of returns stored, in all tiles
-  std::uint64_t addTo(ShardBuffer& buffer, std::uint32_t step, const internal::GatedScan& scan) {
-    sort(scan.p_L);
-    std::uint64_t stored = 0;
-    const bool own = scan.q_L.size() > 1;
-    for (const TileIndex& tile : touched_) {
-      std::vector<std::uint32_t>& returns = returns_of_[tile];
-      gather(scan.p_L, returns, p_L_);
-      if (own) gather(scan.q_L, returns, q_L_);
-      gatherRows(scan.attributes, scan.p_L.size(), returns);
-      // One return with its own sensor has one sensor, as it should.
-      buffer.add(tile, step, p_L_, own ? std::span<const Eigen::Vector3f>(q_L_) : scan.q_L, attributes_);
-      stored += returns.size();
-      returns.clear();
-    }
-    // A long walk leaves most tiles behind: their lists go.
-    if (returns_of_.size() > 2 * touched_.size() + 16) returns_of_.clear();
-    return stored;
+/// @return number of returns stored, in all tiles
+std::uint64_t addTo(ShardBuffer& buffer, std::uint32_t step, StepSorter& sorter, const internal::GatedScan& scan) {
+  std::uint64_t stored = 0;
+  for (const TileIndex& tile : sorter.sort(scan)) {
+    const StepSorter::Returns returns = sorter.returnsOf(tile, scan);
+    buffer.add(tile, step, returns.p_L, returns.q_L, returns.attributes);
+    stored += returns.p_L.size();
   }
-
- private:
-  struct Hash {
-    std::size_t operator()(const TileIndex& tile) const {
-      return (static_cast<std::size_t>(static_cast<std::uint32_t>(tile.first)) << 32 |
-              static_cast<std::uint32_t>(tile.second)) *
-             0x9e3779b97f4a7c15u;
-    }
-  };
-
-  void sort(const std::vector<Eigen::Vector3f>& p_L) {
-    touched_.clear();
-    TileIndex last_tile;
-    std::vector<std::uint32_t>* last = nullptr;
-    for (std::uint32_t n = 0; n < p_L.size(); ++n) {
-      const auto ijk = kernels::voxelOf(p_L[n].x(), p_L[n].y(), p_L[n].z(), inverse_voxel_size_);
-      const TileRange tiles = grid_.around(ijk[0], ijk[1]);
-      for (std::int32_t x = tiles.x_low; x <= tiles.x_high; ++x) {
-        for (std::int32_t y = tiles.y_low; y <= tiles.y_high; ++y) {
-          if (last == nullptr || last_tile != TileIndex{x, y}) {
-            last_tile = {x, y};
-            last = &returns_of_[last_tile];
-          }
-          if (last->empty()) touched_.push_back(last_tile);
-          last->push_back(n);
-        }
-      }
-    }
-  }
-
-  static void gather(const std::vector<Eigen::Vector3f>& from, const std::vector<std::uint32_t>& which,
-                     std::vector<Eigen::Vector3f>& to) {
-    to.resize(which.size());
-    for (std::size_t n = 0; n < which.size(); ++n) to[n] = from[which[n]];
-  }
-
-  void gatherRows(const std::vector<std::int32_t>& from, std::size_t rows, const std::vector<std::uint32_t>& which) {
-    const std::size_t width = from.size() / rows;
-    attributes_.resize(which.size() * width);
-    for (std::size_t n = 0; n < which.size(); ++n) {
-      std::copy_n(from.begin() + static_cast<std::ptrdiff_t>(which[n] * width), width,
-                  attributes_.begin() + static_cast<std::ptrdiff_t>(n * width));
-    }
-  }
-
-  TileGrid grid_;
-  float inverse_voxel_size_;
-  std::unordered_map<TileIndex, std::vector<std::uint32_t>, Hash> returns_of_;
-  std::vector<TileIndex> touched_;
-  std::vector<Eigen::Vector3f> p_L_, q_L_;
-  std::vector<std::int32_t> attributes_;
-};
+  return stored;
+}
 
 /// Reads steps and writes shards.
 class Binner {
@@ -112,7 +42,7 @@ class Binner {
         watch_(watch),
         params_(job.params.resolved()),
         gate_(params_.tsdf, job.plan.origin_W, std::nullopt, params_.carry.size()),
-        sorter_(job.plan, params_.tsdf) {
+        sorter_(job.plan.tile_voxels, job.plan.margin_voxels, params_.tsdf.voxel_size_m) {
     for (const Flight& flight : job.plan.flights) {
       for (const PlannedInput& input : flight.inputs) planned_.emplace(input.path, &input);
     }
@@ -158,7 +88,7 @@ class Binner {
     const internal::GatedScan& scan = record.points_W.empty()
                                           ? gate_.gate(record.points_S, record.T_W_S, stats, record.attributes)
                                           : gate_.gate(record.points_W, record.origins_W, stats, record.attributes);
-    if (!scan.p_L.empty()) sorter_.addTo(buffer_, step, scan);
+    if (!scan.p_L.empty()) addTo(buffer_, step, sorter_, scan);
     index.points_in += stats.points_in;
     index.points_used += stats.points_used;
     index.truncated_points += record.truncated_points;

@@ -23,6 +23,7 @@
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
 #include "tiles/tile_files.h"
+#include "tiles/tile_writer.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -83,10 +84,12 @@ class TileRun {
     AttemptFolder folder(job_.out, tile_.id);
     {
       AccessibilityField field(job_.tools, params);
-      tile_.device = field.deviceName();
       integrateAll(field);
       field.update();
-      write(field, folder.path());
+      io::WriteOptions files = run_.limits.files;
+      files.frame = job_.plan.frame;
+      writeTileFiles(
+          field, folder.path(), files, [this](std::uint32_t id) { return stepOf(id); }, tile_);
     }
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakOfProcess();
@@ -121,62 +124,10 @@ class TileRun {
     tile_.returns = fused.all;
   }
 
-  void write(const AccessibilityField& field, const fs::path& folder) {
-    const auto points = field.points();
-    count(*points);
-    tile_.leaves = field.memoryUse().leaves;
-    io::WriteOptions files = run_.limits.files;
-    files.frame = job_.plan.frame;
-    internal::writeFieldFiles(field, *points, folder, files);
-    const bool firsts = files.points_las && files.frame.first_returns;
-    if (firsts) writeFirsts(*points, folder / kFirstFile);
-    writeOrder(internal::FieldAccess::points(field), *points, folder / kOrderFile);
-    for (const char* file : {kPointsFile, kLasFile, kGridsFile, kPointGridFile, kOrderFile}) {
-      if (file == kLasFile && !run_.limits.files.points_las) continue;
-      tile_.sha256.emplace_back(file, io::sha256OfFile(folder / file));
-    }
-    if (firsts) tile_.sha256.emplace_back(kFirstFile, io::sha256OfFile(folder / kFirstFile));
-  }
-
-  static void writeFirsts(const SurfacePoints& points, const fs::path& file) {
-    io::writeFileDurably(file, [&](std::ostream& stream) {
-      for (std::size_t n = 0; n < points.size(); ++n) {
-        const auto first = points.firstReturn(n).value_or(SurfacePoints::FirstReturn());
-        const StoredFirst record = {first.gps_time, first.point_class};
-        stream.write(reinterpret_cast<const char*>(&record), sizeof record);
-      }
-    });
-  }
-
-  void count(const SurfacePoints& points) {
-    tile_.points = points.size();
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    Eigen::Vector3d low = Eigen::Vector3d::Constant(kInfinity), high = -low;
-    for (std::size_t n = 0; n < points.size(); ++n) {
-      const SurfacePoint point = points.at(n);
-      ++tile_.labels[static_cast<std::size_t>(point.label)];
-      ++tile_.reasons[static_cast<std::size_t>(point.reason)];
-      low = low.cwiseMin(point.position_W);
-      high = high.cwiseMax(point.position_W);
-    }
-    if (points.size() == 0) low = high = Eigen::Vector3d::Zero();
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      tile_.min_W[axis] = low[static_cast<Eigen::Index>(axis)];
-      tile_.max_W[axis] = high[static_cast<Eigen::Index>(axis)];
-    }
-  }
-
-  void writeOrder(const internal::PointStore& store, const SurfacePoints& points, const fs::path& file) const {
-    io::writeFileDurably(file, [&](std::ostream& stream) {
-      for (std::size_t n = 0; n < points.size(); ++n) {
-        const std::uint32_t id = points.at(n).id;
-        // The last step that began at or before this id; steps without new points share their first id with the next.
-        const auto after = std::upper_bound(first_ids_.begin(), first_ids_.end(), id);
-        const std::uint32_t step = steps_[static_cast<std::size_t>(after - first_ids_.begin()) - 1];
-        const PointOrder order = {step, internal::placeOf(store.voxelOf(store.first_L(id)))};
-        stream.write(reinterpret_cast<const char*>(&order), sizeof order);
-      }
-    });
+  /// The last step that began at or before this id; steps without new points share their first id with the next.
+  [[nodiscard]] std::uint32_t stepOf(std::uint32_t id) const {
+    const auto after = std::upper_bound(first_ids_.begin(), first_ids_.end(), id);
+    return steps_[static_cast<std::size_t>(after - first_ids_.begin()) - 1];
   }
 
   const Run& run_;

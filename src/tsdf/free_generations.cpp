@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "processor/prefetch.h"
 #include "tsdf/packed_map.h"
@@ -93,10 +94,13 @@ std::int64_t FreeGenerations::generationAt(double age_s, std::int32_t x, std::in
   return static_cast<std::int64_t>(std::floor(age_s / free_for_s_ + static_cast<double>(phaseOf(x, y, z)) / kPhases));
 }
 
-std::vector<std::span<const LeafChange>> FreeGenerations::pass(PackedMap& map, double seconds) {
-  if (!(seconds > 0)) return {};
-  const double before_s = age_s_;
-  age_s_ += std::min(seconds, 2 * free_for_s_);
+double FreeGenerations::ageAfter(double seconds) const {
+  return seconds > 0 ? age_s_ + std::min(seconds, 2 * free_for_s_) : age_s_;
+}
+
+std::vector<std::span<const LeafChange>> FreeGenerations::passTo(PackedMap& map, double age_s) {
+  if (!(age_s > age_s_)) return {};
+  const double before_s = std::exchange(age_s_, age_s);
   std::vector<PackedLowerNode*> nodes;
   map.tree().getNodes(nodes);
   // Thousands of nodes, each somewhere in memory, of which few are due.

@@ -46,7 +46,13 @@ class FreeGenerations {
   /// positive counts as 0.
   /// @return the leaves in which voxels are no longer free, each at most once, in at most kLists lists; valid until the
   ///         next call
-  std::vector<std::span<const LeafChange>> pass(PackedMap& map, double seconds);
+  std::vector<std::span<const LeafChange>> pass(PackedMap& map, double seconds) {
+    return passTo(map, ageAfter(seconds));
+  }
+  /// The same until this age. Nothing happens at an earlier one.
+  std::vector<std::span<const LeafChange>> passTo(PackedMap& map, double age_s);
+  /// age_s() after so many seconds more.
+  [[nodiscard]] double ageAfter(double seconds) const;
   static constexpr std::size_t kLists = 64;
 
   /// Which generation a node is in. @param x, y, z  its lowest voxel, multiples of 128

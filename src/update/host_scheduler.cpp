@@ -25,6 +25,19 @@ void HostScheduler::noteChanges(std::span<const Eigen::Vector3f>, std::span<cons
   if (leads()) changes_->noteFlips(changes.facts);
 }
 
+bool HostScheduler::noteScored() {
+  if (!scorer_.keepsAllOnHost()) return false;
+  if (leads()) {
+    changes_->noteScored();
+    return true;
+  }
+  std::vector<std::uint32_t> known;
+  for (std::uint32_t id = 0; id < scorer_.points().size(); ++id)
+    if (scorer_.record(id).has_neighbourhood) known.push_back(id);
+  scorer_.upload(known);
+  return true;
+}
+
 void HostScheduler::takeChanges() {
   changes_->refresh();
   if (leads()) return;

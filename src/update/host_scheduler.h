@@ -26,6 +26,7 @@ class HostScheduler : public UpdateScheduler {
                    std::span<const Eigen::Vector3f> q_L) override;
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                    const MapChanges& changes) override;
+  bool noteScored() override;
 
  protected:
   /// Of several schedulers that share changes, one is told of them.

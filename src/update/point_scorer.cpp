@@ -138,6 +138,44 @@ void PointScorer::adopt(const PointScorer& from, std::span<const std::uint32_t> 
   upload(known);
 }
 
+ScoredPoint PointScorer::scored(std::uint32_t id, std::span<std::uint64_t> seen) const {
+  const PointRecord& record = records_[id];
+  const kernels::PointStateView state = device_.view();
+  if (!record.has_neighbourhood) {  // none have been joined; of a wide set their place was never written
+    std::fill(seen.begin(), seen.end(), 0);
+  } else if (points_.isWide()) {
+    std::copy_n(wideSeen() + seen.size() * id, seen.size(), seen.data());
+  } else {
+    std::copy_n(record.seen.word, seen.size(), seen.data());
+  }
+  return {record.normal_L,  record.reach_m, state.stability[id], record.weight, record.score,
+          record.direction, record.label,   state.reason[id],    record.roll,   record.has_neighbourhood};
+}
+
+void PointScorer::restore(std::uint32_t id, const ScoredPoint& point, std::span<const std::uint64_t> seen) {
+  PointRecord& record = records_[id];
+  record.normal_L = point.normal_L;
+  record.reach_m = point.reach_m;
+  record.weight = point.weight;
+  record.score = point.score;
+  record.direction = point.direction;
+  record.label = point.label;
+  record.roll = point.roll;
+  record.has_neighbourhood = point.has_neighbourhood;
+  if (points_.isWide()) {
+    std::copy_n(seen.data(), seen.size(), wideSeen() + seen.size() * id);
+  } else {
+    std::copy_n(seen.data(), seen.size(), record.seen.word);
+  }
+  const kernels::PointStateView state = device_.view();
+  state.score[id] = point.score;
+  state.direction[id] = point.direction;
+  state.label[id] = point.label;
+  state.reason[id] = point.reason;
+  state.stability[id] = point.stability;
+  if (state.roll != nullptr) state.roll[id] = point.roll;
+}
+
 void PointScorer::upload(std::span<const std::uint32_t> ids) {
   uploadInputs(ids);
   if (keepsWideSeen()) uploadWideSeen(ids);

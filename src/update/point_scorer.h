@@ -58,6 +58,17 @@ struct alignas(64) PointRecord {
   bool has_neighbourhood = false;
 };
 
+/// What scoring found out about a point, but for its seen directions.
+struct ScoredPoint {
+  Eigen::Vector3f normal_L = {0, 0, 0};
+  float reach_m = 0, stability = 1;
+  std::uint16_t weight = 0, score = kNoScore, direction = kNoDirection;
+  PointLabel label = PointLabel::Unscored;
+  PointReason reason = PointReason::Confidence;
+  std::uint8_t roll = 0;
+  bool has_neighbourhood = false;
+};
+
 class PointScorer {
  public:
   PointScorer(const PointStore& points, const FieldParams& resolved, kernels::Backend& backend, MapReads reads);
@@ -100,6 +111,13 @@ class PointScorer {
   void adopt(const PointScorer& from, std::span<const std::uint32_t> ids);
   /// Sends to the device what the refresh functions found for these ids.
   void upload(std::span<const std::uint32_t> ids);
+
+  /// Whether the host has all of what scoring found out.
+  [[nodiscard]] bool keepsAllOnHost() const { return backend_.hasHostMemory(); }
+  /// Only then. @param seen  receives the joined seen directions, [directionWords()]
+  [[nodiscard]] ScoredPoint scored(std::uint32_t id, std::span<std::uint64_t> seen) const;
+  /// Only then, after grow(). From any thread, also at the same time for other points.
+  void restore(std::uint32_t id, const ScoredPoint& point, std::span<const std::uint64_t> seen);
 
   /// Scores the items on the device and stores the results.
   std::vector<kernels::ScoreResult> score(std::span<const kernels::ScoreItem> items, const ScoringTables& tables);

@@ -25,6 +25,16 @@ void forEachInParallel(std::size_t count, const Visit& visit) {
 
 }  // namespace
 
+void ScanChanges::noteScored() {
+  known_points_ = scorer_.points().size();
+  std::vector<std::uint32_t> known;
+  for (std::uint32_t id = 0; id < known_points_; ++id)
+    (scorer_.record(id).has_neighbourhood ? known : fresh_).push_back(id);
+  moved_points_.refreshed(known);
+  scorer_.upload(known);
+  anything_scored_ = !known.empty();
+}
+
 void ScanChanges::noteFlips(std::span<const std::span<const LeafChange>> facts) {
   if (!anything_scored_) return;  // nothing to invalidate yet
   for (const auto& part : facts) flips_.add(part);

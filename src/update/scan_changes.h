@@ -22,6 +22,8 @@ class ScanChanges {
   [[nodiscard]] const PointScorer& scorer() const { return scorer_; }
   void addReader() { ++readers_; }
 
+  /// All that there is came from a saved state, with what an update found out about it (PointScorer::restore).
+  void noteScored();
   void noteReturns(const TouchedPoints& touched) { moved_points_.note(touched); }
   void noteFlips(std::span<const std::span<const LeafChange>> facts);
 

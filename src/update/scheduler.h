@@ -68,6 +68,10 @@ class UpdateScheduler {
   /// count as new.
   virtual void noteRestored() {}
 
+  /// Call instead of noteRestored() when, besides, PointScorer::restore() got what an update had found out about all
+  /// points. @return false if this scheduler cannot go on from there: then noteRestored()
+  virtual bool noteScored() { return false; }
+
   /// Lets the backend begin with the noted changes; the mirror may not have them yet. After noteChanges(), at most once
   /// per scan; if not called, update() does this. @param mirror  in the backend's memory, the same as for update()
   virtual void prepare(const kernels::OccupancyGrid* /*mirror*/) {}

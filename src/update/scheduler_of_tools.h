@@ -62,6 +62,12 @@ class SchedulerOfTools final : public UpdateScheduler {
     for (const Part& part : parts_) part.scheduler->noteRestored();
   }
 
+  bool noteScored() override {
+    bool all = true;
+    for (const Part& part : parts_) all = part.scheduler->noteScored() && all;
+    return all;
+  }
+
   void prepare(const kernels::OccupancyGrid* mirror) override {
     for (const Part& part : parts_) part.scheduler->prepare(mirror);
   }

@@ -70,6 +70,52 @@ TEST_F(LiveDds, LabelsAtTwoPerSecondAreThoseOfMapAndNoneIsDropped) {
   EXPECT_EQ(status["frame"], "odom");
 }
 
+/// Two tools, one of them in all directions, and labels after each scan: the files are those of map.
+TEST_F(LiveDds, SeveralToolsHaveTheFilesOfMap) {
+  simulate(scanCount(8));
+  map_flags_ = {
+      "--tool",      "builtin:pruner", "--orientations", "yaw", "--orientations", "sphere:60", "--tool-name", "flat",
+      "--tool-name", "ball",           "--rolls",        "-",   "--rolls",        "2"};
+  const ProgramResult result = live({peer("rate=1 listen='" + path("heard") + "'")}, map_flags_);
+  EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
+  expectPeersEndedWell();
+  EXPECT_EQ(report_["live"]["taken"], sent_.size()) << report_["live"];
+  EXPECT_EQ(report_["live"]["late"], 0);
+  EXPECT_EQ(readText("out/points.ply"), mapped(taken()));
+  EXPECT_EQ(readText("out/field_points.vdb").size(), readText("expected/field_points.vdb").size());
+  ASSERT_EQ(report_["tools"].size(), 2U);
+  for (const auto& tool : report_["tools"]) EXPECT_GT(tool["accessible"], 50) << tool;
+  EXPECT_NE(readText("heard.layout").find(", 44 bytes per point:"), std::string::npos) << readText("heard.layout");
+  EXPECT_NE(readText("heard.layout").find(" tools@40/6"), std::string::npos) << readText("heard.layout");
+}
+
+/// The last scans are scored when the run ends.
+TEST_F(LiveDds, LabelsAfterEveryThreeScansAreThoseOfMap) {
+  simulate(scanCount(8));
+  const ProgramResult result = live({peer("rate=2")}, {"--update-every", "3"});
+  EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
+  EXPECT_EQ(report_["live"]["taken"], sent_.size()) << report_["live"];
+  update_every_ = "3";
+  EXPECT_EQ(readText("out/points.ply"), mapped(taken()));
+}
+
+TEST_F(LiveDds, ThirtyTwoToolsAreTakenAndThirtyThreeRefused) {
+  const auto run = [&](int tools) {
+    std::vector<std::string> more;
+    for (int n = 1; n < tools; ++n) more.insert(more.end(), {"--tool", "builtin:pruner"});
+    return live({"sleep 0.2"}, more);
+  };
+  EXPECT_EQ(run(32).exit_code, 128 + SIGINT);
+  const ProgramResult many = runProgram([&] {
+    std::vector<std::string> arguments = {"live",  "--cloud",   "/a",      "--odom", "/b",
+                                          "--out", path("out"), "--voxel", "0.05"};
+    for (int n = 0; n < 33; ++n) arguments.insert(arguments.end(), {"--tool", "builtin:pruner"});
+    return arguments;
+  }());
+  EXPECT_EQ(many.exit_code, 2) << many.err;
+  EXPECT_NE(many.err.find("tool.count"), std::string::npos) << many.err;
+}
+
 TEST_F(LiveDds, EveryScanIsAccountedForAtTenPerSecond) {
   simulate(scanCount(30));
   const ProgramResult result = live({peer("rate=10 listen='" + path("heard") + "'")}, {}, SIGTERM);
@@ -188,7 +234,9 @@ TEST_F(LiveDds, BadOptionsAreRefused) {
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--queue", "0"}), "usage.queue");
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--max-message", "2G"}), "usage.max_message");
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--points-every", "-1"}), "usage.interval");
-  EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--level", "imu"}), "usage.option");  // only for files
+  EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--level", "imu"}), "usage.missing");
+  EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--imu", "/c"}), "usage.imu");
+  EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--update-every", "0"}), "usage.update_every");
   setenv("ROS_DOMAIN_ID", "many", 1);
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b"}), "usage.domain");
   unsetenv("ROS_DOMAIN_ID");

@@ -130,13 +130,13 @@ class LiveDds : public cli_test::ProgramTest {
   ProgramResult live(const std::vector<std::string>& peers, const std::vector<std::string>& more = {},
                      int signal = SIGINT) {
     std::vector<std::string> arguments = {
-        "live",           "--cloud", "/livox/lidar",   "--odom", "/Odometry",  "--domain",  own_domain_.number(),
+        "live",           "--cloud", cloud_topic_,     "--odom", "/Odometry",  "--domain",  own_domain_.number(),
         "--points-every", "0.2",     "--status-every", "0.2",    "--scan-log", path("log"), "--out",
         path("out")};
     for (const auto& part : {fieldFlags(), more}) arguments.insert(arguments.end(), part.begin(), part.end());
     cli_test::ProgramSetup setup;
     setup.arguments = arguments;
-    setup.signal_after = "waiting for /livox/lidar";
+    setup.signal_after = "waiting for " + cloud_topic_;
     setup.act = [&](pid_t pid) {
       for (const std::string& command : peers) peer_codes_.push_back(std::system(command.c_str()));
       std::ifstream held("/proc/" + std::to_string(pid) + "/status");
@@ -189,11 +189,12 @@ class LiveDds : public cli_test::ProgramTest {
       poses += text;
     }
     writeText("taken.txt", poses);
-    std::vector<std::string> arguments = {"map",   "--scans",        path("taken"), "--poses", path("taken.txt"),
-                                          "--out", path("expected"), "--tiles",     "off",     "--update-every",
-                                          "1"};
+    std::vector<std::string> arguments = {"map",        "--scans",        path("taken"), "--poses", path("taken.txt"),
+                                          "--out",      path("expected"), "--tiles",     "off",     "--update-every",
+                                          update_every_};
     for (const std::string& flag : fieldFlags()) arguments.push_back(flag);
     for (const char* flag : {"--change", "full", "--free-for", "60"}) arguments.emplace_back(flag);  // as live does
+    arguments.insert(arguments.end(), map_flags_.begin(), map_flags_.end());
     const ProgramResult result = runProgram(arguments);
     EXPECT_EQ(result.exit_code, 0) << result.err;
     return readText("expected/points.ply");
@@ -229,6 +230,9 @@ class LiveDds : public cli_test::ProgramTest {
   OwnDomain own_domain_;
   std::vector<SentScan> sent_;
   std::vector<int> peer_codes_;
+  std::string cloud_topic_ = "/livox/lidar";
+  std::string update_every_ = "1";       ///< for mapped()
+  std::vector<std::string> map_flags_;   ///< for mapped()
   std::uint64_t most_resident_KiB_ = 0;  ///< before it was stopped: afterwards it makes a picture
   json report_;
 };

@@ -59,6 +59,12 @@ inline void expectSameField(const AccessibilityField& a, const AccessibilityFiel
   test::expectSameMap(a.volume(), b.volume());
 }
 
+inline std::size_t stepAll(LiveSession& session) {
+  std::size_t steps = 0;
+  while (session.step()) ++steps;
+  return steps;
+}
+
 inline void expectAllAccountedFor(const LiveStatus& status) {
   EXPECT_EQ(status.published, status.taken + status.allDropped() + status.waiting);
 }

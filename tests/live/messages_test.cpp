@@ -40,7 +40,7 @@ TEST(LiveMessages, PublishedCloudsAreCloudsOfRos) {
     points[n].confidence = 0.25F;
   }
   for (const char* frame : {"", "odom", "a_longer_frame"}) {
-    const std::string cdr = cloudMessage(points, 1'700'000'000'123'456'789, frame);
+    const std::string cdr = cloudMessage(points, 1'700'000'000'123'456'789, {frame});
     const bags::CloudMessage cloud = bags::readCloud(bags::MessageKind::PointCloud2, cdr, bags::Wire::Cdr);
     EXPECT_EQ(cloud.header.stamp_ns, 1'700'000'000'123'456'789);
     EXPECT_EQ(cloud.header.frame, frame);
@@ -65,7 +65,30 @@ TEST(LiveMessages, PublishedCloudsAreCloudsOfRos) {
     EXPECT_EQ(cdr.back(), '\1');  // dense
   }
   const FieldSnapshot snapshot{points, {0, 0, 0}, 0.05};
-  EXPECT_EQ(cloudMessage(SnapshotPoints(snapshot), 5, "odom"), cloudMessage(points, 5, "odom"));
+  EXPECT_EQ(cloudMessage(SnapshotPoints(snapshot), 5, {"odom"}), cloudMessage(points, 5, {"odom"}));
+}
+
+/// Of several tools, in a map that was turned level by a quarter about x.
+TEST(LiveMessages, PublishedCloudsSayWhichToolsAndAreInTheFrameOfTheOdometry) {
+  std::vector<SurfacePoint> points(1);
+  points[0].position_W = Eigen::Vector3d(1, 2, 3);
+  points[0].direction_W = Eigen::Vector3f(0, 0, 1);
+  points[0].tools = 0x80000005U;
+  Eigen::Matrix3d R_L_W;
+  R_L_W << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+  const std::string cdr = cloudMessage(points, 5, {"odom", R_L_W, true});
+  const bags::CloudMessage cloud = bags::readCloud(bags::MessageKind::PointCloud2, cdr, bags::Wire::Cdr);
+  ASSERT_EQ(cloud.data.size(), kPointBytes + kToolBytes);
+  std::vector<Eigen::Vector3f> xyz;
+  bags::appendPoints(cloud, xyz);
+  EXPECT_EQ(xyz[0], Eigen::Vector3f(1, 3, -2));
+  float direction[3];
+  std::uint32_t tools = 0;
+  std::memcpy(direction, cloud.data.data() + 28, sizeof direction);
+  std::memcpy(&tools, cloud.data.data() + 40, sizeof tools);
+  EXPECT_EQ(Eigen::Vector3f(direction), Eigen::Vector3f(0, 1, 0));
+  EXPECT_EQ(tools, points[0].tools);
+  EXPECT_NE(cdr.find("tools"), std::string::npos);
 }
 
 /// A pose with header and child as ROS 2 lays it out, by hand.
@@ -88,6 +111,40 @@ TEST(LiveMessages, PosesAreRead) {
   EXPECT_EQ(pose.q_W_B.coeffs(), q.coeffs());
 }
 
+TEST(LiveMessages, WhatAnImuFeelsAndTransformsAreRead) {
+  CdrWriter imu;
+  imu.number(std::int32_t{12});
+  imu.number(std::uint32_t{34});
+  imu.text("imu_link");
+  for (int n = 0; n < 4 + 9 + 3 + 9; ++n) imu.number(100.0 + n);  // orientation, rates and their covariances
+  for (const double value : {0.5, -0.25, 9.75}) imu.number(value);
+  for (int n = 0; n < 9; ++n) imu.number(0.0);
+  const LiveImu felt = imuFrom(imu.bytes());
+  EXPECT_EQ(felt.stamp_ns, 12'000'000'034);
+  EXPECT_EQ(felt.frame, "imu_link");
+  EXPECT_EQ(felt.force, Eigen::Vector3d(0.5, -0.25, 9.75));
+
+  CdrWriter tf;
+  tf.number(std::uint32_t{1});
+  tf.number(std::int32_t{5});
+  tf.number(std::uint32_t{6});
+  tf.text("/body");
+  tf.text("lidar");
+  for (const double value : {1.0, 2.0, 3.0, 0.0, 0.6, 0.0, 0.8}) tf.number(value);
+  for (const bool fixed : {false, true}) {
+    const std::vector<LiveTransform> transforms = transformsFrom(tf.bytes(), fixed);
+    ASSERT_EQ(transforms.size(), 1U);
+    EXPECT_EQ(transforms[0].stamp_ns, 5'000'000'006);
+    EXPECT_EQ(transforms[0].parent, "body");
+    EXPECT_EQ(transforms[0].child, "lidar");
+    EXPECT_EQ(transforms[0].p, Eigen::Vector3d(1, 2, 3));
+    EXPECT_EQ(transforms[0].q.coeffs(), Eigen::Vector4d(0, 0.6, 0, 0.8));
+    EXPECT_EQ(transforms[0].fixed, fixed);
+  }
+  for (std::size_t n = 0; n < tf.bytes().size(); ++n)
+    EXPECT_THROW(static_cast<void>(transformsFrom(tf.bytes().substr(0, n), true)), bags::MessageError) << n;
+}
+
 TEST(LiveMessages, TheLayoutsForViewersShowTheTopics) {
   for (const char* layout : {"accessvdb.rviz", "foxglove_layout.json"}) {
     std::ifstream in(std::string(ACCESSVDB_SOURCE_DIR) + "/tools/live/" + layout);
@@ -104,7 +161,7 @@ TEST(LiveMessages, TheLayoutsForViewersShowTheTopics) {
 /// Cut off anywhere, and with any bytes in it: an error or a message, and no more points than the bytes can hold.
 TEST(LiveMessages, BadBytesAreAnErrorOrAMessage) {
   std::vector<SurfacePoint> points(40);
-  const std::string cloud = cloudMessage(points, 1'000, "odom"), pose = odometry(Eigen::Quaterniond::Identity());
+  const std::string cloud = cloudMessage(points, 1'000, {"odom"}), pose = odometry(Eigen::Quaterniond::Identity());
   std::mt19937_64 random(3);
   int refused = 0, read = 0;
   const auto tryIt = [&](const std::string& bytes) {

@@ -29,6 +29,16 @@ for file in "$out"/*; do
 done >"$WORK/contents"
 ! grep -vE "$known" "$WORK/contents" || { echo "not of a kind that belongs into a package, see above"; bad=1; }
 
+# Both have the verb live, and what it needs.
+mkdir -p "$WORK/live"
+rm -rf "$WORK/live"/*
+tar -xJf "$tarball" -C "$WORK/live" --strip-components=1
+"$WORK/live/bin/accessvdb" live --help | grep -qF 'over DDS (Fast DDS ' || { echo "no live in the tarball"; bad=1; }
+ls "$WORK/live/libraries" | grep -q '^libfastrtps\.so' || { echo "no Fast DDS in the tarball"; bad=1; }
+runtime=$(echo "$out"/accessvdb_"$VERSION"_*.deb)
+[[ $(dpkg-deb -f "$runtime" Depends) == *libfastrtps* ]] || { echo "the program's package does not need Fast DDS"; bad=1; }
+dpkg-deb --fsys-tarfile "$runtime" | tar -xO ./usr/bin/accessvdb | grep -qaF 'over DDS (' || { echo "no live in the package"; bad=1; }
+
 refuses() {  # refuses TEXT OUT COMMAND...: fails with one line that contains TEXT, and leaves no files
   local text=$1 out=$2 code=0
   shift 2

@@ -61,6 +61,16 @@ class DamagedState : public testing::Test {
   struct Place {
     std::size_t begin, bytes;
   };
+  [[nodiscard]] std::vector<std::string> sections() const {
+    std::vector<std::string> names;
+    for (std::size_t at = internal::kStateMagic.size(); at < good_.size();) {
+      std::uint64_t bytes = 0;
+      std::memcpy(&bytes, good_.data() + at + 8, 8);
+      names.emplace_back(good_.c_str() + at);
+      at += internal::kSectionFrameBytes + bytes;
+    }
+    return names;
+  }
   [[nodiscard]] Place placeOf(const std::string& name) const {
     std::size_t at = internal::kStateMagic.size();
     while (at < good_.size()) {
@@ -76,7 +86,7 @@ class DamagedState : public testing::Test {
   [[nodiscard]] std::string rehashed(const std::function<void(const std::string&, std::string&)>& change) const {
     std::ostringstream out;
     internal::SectionWriter writer(out);
-    for (const std::string name : {"head", "leaves", "poses", "points", "leftout"}) {
+    for (const std::string& name : sections()) {
       const Place place = placeOf(name);
       std::string content = good_.substr(place.begin, place.bytes);
       change(name, content);
@@ -100,6 +110,75 @@ class DamagedState : public testing::Test {
   ScratchFolder folder_;
   std::string good_;
 };
+
+/// The same with what an update found out.
+class DamagedScoredState : public DamagedState {
+ protected:
+  void SetUp() override {
+    Stream stream = {cpuParams(0.1), wallScans(6, 4, 400), true, 0};
+    stream.params.approach.num_directions = 8;
+    AccessibilityField field(pen(), stream.params);
+    integrate(field, stream, 0, 4);
+    field.update();
+    ASSERT_GT(field.snapshot().count(PointLabel::Accessible), 0U);
+    field.saveState(file());
+    good_ = bytesOf(file());
+  }
+};
+
+TEST_F(DamagedScoredState, IsRefusedWhereverAByteDiffers) {
+  EXPECT_NO_THROW(load());
+  const Place place = placeOf("scored");
+  ASSERT_GT(place.bytes, 0U);
+  std::mt19937_64 random(9);
+  for (int n = 0; n < 200; ++n) {
+    const std::size_t at = place.begin + random() % (place.bytes + 32);
+    std::string bad = good_;
+    bad[at] = static_cast<char>(bad[at] ^ (1 << random() % 8));
+    ASSERT_EQ(refusalOf(bad).rfind("state.damaged", 0), 0U) << "byte " << at << " of " << good_.size();
+  }
+}
+
+TEST_F(DamagedScoredState, IsRefusedForValuesThatNoFieldHas) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const auto with = [&](std::size_t offset, const auto& value) {
+    return rehashed([&](const std::string& name, std::string& content) {
+      if (name == "scored") std::memcpy(content.data() + offset, &value, sizeof value);
+    });
+  };
+  constexpr std::size_t kReach = 12, kStability = 16, kDirection = 24, kLabel = 26, kReason = 27, kRoll = 28,
+                        kKnown = 29, kSeen = 30;
+  EXPECT_NO_THROW(load());
+  const std::vector<std::string> all = {with(0, nan),
+                                        with(kReach, nan),
+                                        with(kReach, -1.0F),
+                                        with(kStability, 1.5F),
+                                        with(kStability, nan),
+                                        with(kDirection, std::uint16_t{8}),
+                                        with(kLabel, std::uint8_t{3}),
+                                        with(kReason, std::uint8_t{99}),
+                                        with(kRoll, std::uint8_t{1}),
+                                        with(kKnown, std::uint8_t{2}),
+                                        with(kSeen, std::uint64_t{256}),
+                                        withHead([](internal::StateHead& head) { head.updated = false; }),
+                                        withHead([](internal::StateHead& head) { head.scored_words = 2; }),
+                                        withHead([](internal::StateHead& head) { head.scored_words = 0; }),
+                                        withHead([](internal::StateHead& head) { head.scored_words = ~0U; })};
+  for (std::size_t n = 0; n < all.size(); ++n)
+    EXPECT_EQ(refusalOf(all[n]).rfind("state.damaged", 0), 0U) << n << ": " << refusalOf(all[n]);
+  // Accessible from nowhere, or without a neighbourhood.
+  const auto accessible = [&](std::uint8_t known, std::uint16_t direction) {
+    return rehashed([&](const std::string& name, std::string& content) {
+      if (name != "scored") return;
+      content[kLabel] = static_cast<char>(PointLabel::Accessible);
+      content[kKnown] = static_cast<char>(known);
+      std::memcpy(content.data() + kDirection, &direction, sizeof direction);
+    });
+  };
+  EXPECT_EQ(refusalOf(accessible(1, 3)), "");
+  EXPECT_NE(refusalOf(accessible(0, 3)), "");
+  EXPECT_NE(refusalOf(accessible(1, kNoDirection)), "");
+}
 
 TEST_F(DamagedState, IsRefusedWhereverAByteDiffers) {
   EXPECT_NO_THROW(load());

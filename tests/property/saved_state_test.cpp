@@ -2,12 +2,14 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Saved states: a field that was saved and loaded goes on like one that was not, bit for bit.
 #include "accessvdb/saved_state.h"
+#include "accessvdb/tool_spec.h"
 
 #include <gtest/gtest.h>
 
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -195,6 +197,70 @@ TEST(SavedState, KeepsLabelsAfterUpdates) {
       compare(straight.snapshot(), loaded.snapshot());
     }
     expectVaried(loaded.snapshot());
+  }
+}
+
+/// On the processor a state has what the last update found out: loading it asks nothing again.
+TEST(SavedState, GoesOnWithoutScoringAgain) {
+  const ScratchFolder folder;
+  struct Kind {
+    std::string name;
+    std::vector<ToolSpec> tools;
+    ChangeMode change = ChangeMode::Block;
+    double free_for_s = std::numeric_limits<double>::infinity();
+  };
+  const auto arm = [](OrientationSet set, int rolls = 0) {
+    return ToolSpec{armTool(), std::move(set), rolls, "arm", 0};
+  };
+  const ToolSpec hook = {boxTool({-0.03F, -0.2F, -0.05F}, {0.35F, 0.07F, 0.31F}), OrientationSet::yaw(), 0, "hook", 2};
+  const std::vector<Kind> kinds = {{"yaw", {arm(OrientationSet::yaw())}},
+                                   {"rolls", {arm(OrientationSet::sphere(40), 3)}},
+                                   {"wide", {arm(OrientationSet::sphere(12))}},
+                                   {"several", {arm(OrientationSet::yaw()), hook, arm(OrientationSet::sphere(40))}},
+                                   {"full", {arm(OrientationSet::yaw())}, ChangeMode::Full, 2}};
+  for (Kind kind : kinds) {
+    SCOPED_TRACE(kind.name);
+    for (std::size_t n = 0; n < kind.tools.size(); ++n) kind.tools[n].name = "tool" + std::to_string(n);
+    Stream stream = {cpuParams(), wallScans(3, 8, 1500), false, 5};
+    stream.params.change.mode = kind.change;
+    stream.params.change.free_for_s = kind.free_for_s;
+    AccessibilityField straight(kind.tools, stream.params);
+    const auto take = [&](AccessibilityField& field, std::size_t n) {
+      field.integrateScan(stream.scans[n].points_S, stream.scans[n].T_W_S, static_cast<double>(n));
+      return field.update();
+    };
+    for (std::size_t n = 0; n < stream.stop; ++n) take(straight, n);
+    straight.saveState(folder / "scored.avst");
+    AccessibilityField loaded = AccessibilityField::loadState(folder / "scored.avst", kind.tools, BackendKind::Cpu, 2);
+    expectSame(straight.snapshot(), loaded.snapshot());
+    loaded.saveState(folder / "again.avst");
+    EXPECT_EQ(bytesOf(folder / "scored.avst"), bytesOf(folder / "again.avst"));
+    const UpdateStats nothing = loaded.update();
+    EXPECT_EQ(nothing.dirty_points, 0U);
+    EXPECT_EQ(nothing.direction_tests, 0U);
+    for (std::size_t n = stream.stop; n < stream.scans.size(); ++n) {
+      const UpdateStats expected = take(straight, n), found = take(loaded, n);
+      EXPECT_EQ(found.moved_points, expected.moved_points);
+      const FieldSnapshot a = straight.snapshot(), b = loaded.snapshot();
+      ASSERT_EQ(a.points.size(), b.points.size());
+      for (std::size_t i = 0; i < a.points.size(); ++i) {
+        ASSERT_EQ(a.points[i].label, b.points[i].label) << i;
+        ASSERT_EQ(a.points[i].tools, b.points[i].tools) << i;
+        if (a.points[i].label != PointLabel::Accessible) continue;
+        ASSERT_EQ(a.points[i].score, b.points[i].score) << i;
+        ASSERT_EQ(a.points[i].direction, b.points[i].direction) << i;
+        ASSERT_EQ(a.points[i].roll, b.points[i].roll) << i;
+      }
+    }
+    expectVaried(loaded.snapshot());
+    // What came after the last update is not in it: labels are made again.
+    integrate(loaded, stream, 0, 1);
+    loaded.saveState(folder / "behind.avst");
+    EXPECT_LT(std::filesystem::file_size(folder / "behind.avst"),
+              std::filesystem::file_size(folder / "scored.avst") * 2);
+    AccessibilityField behind = AccessibilityField::loadState(folder / "behind.avst", kind.tools, BackendKind::Cpu, 2);
+    loaded.update();
+    EXPECT_EQ(loaded.snapshot().count(PointLabel::Accessible), behind.snapshot().count(PointLabel::Accessible));
   }
 }
 

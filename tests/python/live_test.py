@@ -80,6 +80,110 @@ class Live(unittest.TestCase):
         field.update()
         self.assert_same(live.snapshot(), field.snapshot())
 
+    def test_points_are_placed_by_the_pose_at_their_own_time(self):
+        # The sensor moves along y by 0.4 m within a scan, of which the second half is measured at its end.
+        T_W_S = walls.pose(y=0)
+        points = walls.scan(T_W_S)
+        times = np.where(np.arange(len(points)) % 2 == 0, 0, 0.1)
+        seen = points - np.outer(4 * times, (0, 1, 0)).astype(np.float32)
+        results = {}
+        for how in ("by times", "off", "unit"):
+            live = session(deskew="off" if how == "off" else "auto")
+            for ms in range(0, 121, 10):
+                live.add_pose(stamp(0) + ms * 1_000_000, (0, 0.004 * ms, 0), UNTURNED)
+            unit = {"times": times * 1e3, "time_unit_s": 1e-3} if how == "unit" else {"times": times}
+            live.add_scan(stamp(0), seen, **unit)
+            step = live.step()
+            self.assertEqual(step.by_times, how != "off")
+            self.assertEqual(live.status()["by_times"], int(how != "off"))
+            results[how] = live.snapshot()
+        self.assert_same(results["by times"], results["unit"])
+        still = session()
+        still.add_scan(stamp(0), points)
+        still.add_pose(stamp(0), (0, 0, 0), UNTURNED)
+        still.step()
+        # As many points as without motion but for what rounding puts beyond the edge of a voxel; smeared, the edges move.
+        count = len(still.snapshot())
+        self.assertLess(abs(len(results["by times"]) - count), 0.02 * count)
+        self.assertGreater(len(results["off"]), 1.03 * count)
+        live.add_scan(stamp(1), seen, times=times, time_unit_s=0.3)
+        self.assertEqual(live.status()["dropped"]["unusable"], 1)
+        with self.assertRaises(accessvdb.InvalidArgument):
+            live.add_scan(stamp(2), seen, times=times[:-1])
+
+    def test_several_tools_a_level_world_and_labels_now_and_then(self):
+        tool = accessvdb.ToolGeometry.builtin("builtin:pruner")
+        params = {"tsdf": {"voxel_size_m": walls.VOXEL_M}}
+        both = [accessvdb.ToolSpec(tool, name="flat"), accessvdb.ToolSpec(tool, orientations="sphere:60", name="ball")]
+        live = accessvdb.LiveSession(None, params, tools=both, update_every=2, level=(0, 0.1))
+        field = accessvdb.AccessibilityField(tools=both, params=params)
+        R_L_W = live.R_L_W
+        np.testing.assert_allclose(R_L_W @ (-np.sin(0.1), 0, np.cos(0.1)), (0, 0, 1), atol=1e-12)
+        for n in range(2):
+            T_W_S = walls.pose(y=0.2 * n)
+            points = walls.scan(T_W_S, seed=n)
+            live.add_scan(stamp(n), points)
+            live.add_pose(stamp(n), R_L_W.T @ (0, 0.2 * n, 0), (0, -np.sin(0.05), 0, np.cos(0.05)))
+            step = live.step()
+            self.assertEqual(len(step.changed) > 0, n == 1)
+            field.integrate_scan(points, T_W_S)
+        field.update()
+        # Turned there and back: all but a few points on the edge of a voxel are the same.
+        now, expected = live.snapshot(), field.snapshot()
+        self.assertLess(abs(len(now) - len(expected)), 0.01 * len(expected))
+        self.assertGreater(np.count_nonzero(now.tools == 2), 0)
+        waiting = session(level="imu")
+        waiting.add_imu(stamp(0), (0, 0, 9.81), frame="imu")
+        self.send(waiting, 0)
+        self.assertIsNone(waiting.step())
+        self.assertIsNone(waiting.R_L_W)
+        waiting.end_of_poses()
+        with self.assertRaises(accessvdb.UnusableInput):
+            waiting.step()
+        with self.assertRaises(TypeError):
+            accessvdb.LiveSession(tool, params, tools=both)
+        with self.assertRaises(accessvdb.InvalidArgument):
+            session(update_every=0)
+
+    def test_transforms_say_where_the_sensor_is(self):
+        T_W_S = walls.pose(y=0.5)
+        by_frames, by_pose = session(), session()
+        by_frames.add_transform("body", "mast", (0, 0.25, 0), UNTURNED)
+        by_frames.add_transform("mast", "lidar", (0, 0.25, 0), UNTURNED, stamp(0))
+        by_frames.add_transform("lidar", "lidar", (0, 0, 0), UNTURNED)
+        by_frames.add_scan(stamp(0), walls.scan(T_W_S), frame="/lidar")
+        by_frames.add_pose(stamp(0), (0, 0, 0), UNTURNED, frame="odom", child="body")
+        self.assertIsNotNone(by_frames.step())
+        by_pose.add_scan(stamp(0), walls.scan(T_W_S))
+        by_pose.add_pose(stamp(0), (0, 0.5, 0), UNTURNED)
+        self.assertIsNotNone(by_pose.step())
+        self.assert_same(by_frames.snapshot(), by_pose.snapshot())
+        status = by_frames.status()
+        self.assertEqual(status["sensor_chain"], "odom -> body -> mast -> lidar")
+        self.assertEqual((status["transforms"], status["transforms_other_parent"]), (3, 1))
+
+    def test_it_can_be_paused_reset_and_relieved_of_a_box(self):
+        live = session()
+        for n in range(2):
+            self.send(live, n)
+            live.step()
+        live.pause()
+        self.send(live, 2)
+        self.assertIsNone(live.step())
+        live.pause(False)
+        self.assertEqual(live.status()["dropped"]["paused"], 1)
+        before = len(live.snapshot())
+        changed = live.remove_box((-9, -9, -9), (9, 9, 9), "free")
+        self.assertGreater(len(changed), before / 2)
+        self.assertEqual(np.count_nonzero(live.snapshot().label == 1), 0)
+        live.reset()
+        self.assertEqual(len(live.snapshot()), 0)
+        self.send(live, 0)
+        self.assertIsNotNone(live.step())
+        self.assert_same(live.snapshot(), fed([0]))
+        with self.assertRaises(accessvdb.InvalidArgument):
+            live.remove_box((1, 0, 0), (0, 0, 0))
+
     def test_every_scan_is_accounted_for(self):
         live = session(queue_scans=2)
         sender = threading.Thread(target=lambda: [self.send(live, n) for n in range(30)])

@@ -63,7 +63,7 @@ class State(unittest.TestCase):
         self.assertEqual(caught.exception.id, "state.tool")
         content = self.file.read_bytes()
         self.file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
-        with self.assertRaisesRegex(accessvdb.InputError, "leftout") as caught:
+        with self.assertRaisesRegex(accessvdb.InputError, "scored") as caught:
             load(self.file, self.tool)
         self.assertEqual(caught.exception.id, "state.damaged")
         with self.assertRaises(accessvdb.InputError):

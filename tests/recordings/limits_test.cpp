@@ -124,8 +124,8 @@ TEST(RecordingLimits, OfFramesInACircle) {
   EXPECT_FALSE(frames.chain("c", "nobody"));
   ASSERT_TRUE(frames.chain("a", "c"));
   EXPECT_TRUE(frames.at(*frames.chain("a", "c"), 5));
-  EXPECT_TRUE(frames.top("c"));
-  EXPECT_EQ(frames.otherParents(), 1U) << "d in d";
+  EXPECT_TRUE(frames.links().top("c"));
+  EXPECT_EQ(frames.links().otherParents(), 1U) << "d in d";
 }
 
 TEST(RecordingLimits, OfNamesOfFrames) {

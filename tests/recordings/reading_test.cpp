@@ -158,11 +158,11 @@ TEST_F(RecordingReading, FindsTheSameTransformsInRealBags) {
   ACCESSVDB_NEED_DATA(bag, "trajectories/tf_example.bag");
   ACCESSVDB_NEED_DATA(database, "trajectories/tf_example.db3");
   io::RecordingIndex indices[2] = {indexOf(bag, io::ScanKind::RosBag), indexOf(database, io::ScanKind::Sqlite)};
-  ASSERT_EQ(indices[0].transforms.edges(100), indices[1].transforms.edges(100));
+  ASSERT_EQ(indices[0].transforms.links().edges(100), indices[1].transforms.links().edges(100));
   ASSERT_EQ(indices[0].transforms.poses(), indices[1].transforms.poses());
   ASSERT_GT(indices[0].transforms.poses(), 500U);
   for (auto& index : indices) index.transforms.finish();
-  for (const std::string& edge : indices[0].transforms.edges(100)) {
+  for (const std::string& edge : indices[0].transforms.links().edges(100)) {
     const auto arrow = edge.find(" -> ");
     const std::string parent = edge.substr(0, arrow), child = edge.substr(arrow + 4);
     const auto chains = {indices[0].transforms.chain(parent, child), indices[1].transforms.chain(parent, child)};

@@ -25,10 +25,40 @@ StateHead headOf(const FieldStages& field) {
   return head;
 }
 
+/// Of all tools, if what the last update found out is still true of the map, and all on the host.
+std::vector<const PointScorer*> currentScorers(const FieldStages& field) {
+  std::vector<const PointScorer*> scorers;
+  if (!field.labels.updated || !field.labels.current || field.labels.backlog > 0) return {};
+  for (const auto& tool : field.tools) {
+    if (!tool->scorer->keepsAllOnHost()) return {};
+    scorers.push_back(tool->scorer.get());
+  }
+  return scorers;
+}
+
+/// @return false if the labels have to be made again
+bool restoreLabels(FieldStages& field, StateReader& state) {
+  if (!state.head().isScored()) return false;
+  std::vector<PointScorer*> scorers;
+  bool on_host = true;
+  for (const auto& tool : field.tools) on_host = on_host && tool->scorer->keepsAllOnHost();
+  if (on_host) {
+    for (const auto& tool : field.tools) {
+      tool->scorer->grow();
+      scorers.push_back(tool->scorer.get());
+    }
+  }
+  state.readScored(scorers);
+  if (!on_host || !field.scheduler->noteScored()) return false;
+  publishWithheld(field);
+  field.labels.updated = field.labels.current = true;
+  return true;
+}
+
 }  // namespace
 
 void saveState(const FieldStages& field, const std::filesystem::path& file) {
-  StateInputs parts = {field.map, field.tools.stores(), {}, field.left_out_points};
+  StateInputs parts = {field.map, field.tools.stores(), {}, field.left_out_points, currentScorers(field)};
   if (field.gone_cells) parts.gone = GoneState{field.gone_cells.get(), &field.gone_points};
   writeState(file, headOf(field), parts);
 }
@@ -40,11 +70,12 @@ void restoreState(FieldStages& field, StateReader& state) {
                  [&](auto facts, auto distances) { field.mirrors.take(facts, distances); });
   if (field.gone_cells) state.readGone(*field.gone_cells, field.gone_points);
   field.left_out.restore(state, field.mirrors);
-  field.scheduler->noteRestored();
+  const bool scored = restoreLabels(field, state);
+  if (!scored) field.scheduler->noteRestored();
   field.labels.scans = head.scans;
   field.clock = FieldClock(head.latest_stamp_s);
   if (field.map.agesFreeSpace()) field.map.generations()->restoreAge(head.age_s);
-  while (head.updated && updateLabels(field).backlog > 0) {
+  while (head.updated && !scored && updateLabels(field).backlog > 0) {
   }
 }
 

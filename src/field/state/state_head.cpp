@@ -212,12 +212,15 @@ void visitRest(Code& code, Head& head) {
   if (code.has(head.latest_stamp_s)) code(*head.latest_stamp_s);
   visitAll(code, head.updated, head.scans, head.leaves, head.leaves_with_values, head.leaves_with_votes, head.points,
            head.poses, head.left_out_leaves, head.closed_cubes, head.closed_doublings);
-  if (head.params.change.mode == ChangeMode::Full) visitFullChange(code, head);
-  if (head.schema > kCarryingSchema) visitCarried(code, head);
+  if (isFullChangeSchema(head.schema)) visitFullChange(code, head);
+  if (isCarryingSchema(head.schema)) visitCarried(code, head);
+  if (isScoredSchema(head.schema)) code(head.scored_words);
 }
 
 bool isPlausible(const StateHead& head) {
-  if (head.schema != stateSchemaOf(head.params)) return false;
+  if (head.schema != stateSchemaOf(head.params, head.isScored())) return false;
+  if (head.isScored() && (!head.updated || head.scored_words > kMostTools * kernels::kMostWideDirections / 64))
+    return false;
   if (head.tool_sha256.starts_with(kToolListMark) != (head.tools.size() > 1)) return false;
   for (const SavedTool& tool : head.tools) {
     if (tool.view_words > kernels::kMostWideDirections / 64) return false;

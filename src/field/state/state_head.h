@@ -21,21 +21,33 @@ inline constexpr std::uint32_t kOrientedStateSchema = 7;
 inline constexpr std::uint32_t kRolledStateSchema = 8;
 /// Added to any of them for ChangeMode::Full, whose states hold more.
 inline constexpr std::uint32_t kFullChangeSchema = 10;
-/// Added to any of them for fields whose returns carry attributes, whose states hold these, too.
+/// Added to any of these for fields whose returns carry attributes, whose states hold these, too.
 inline constexpr std::uint32_t kCarryingSchema = 20;
+/// Added to any of these for states with what an update found out.
+inline constexpr std::uint32_t kScoredSchema = 40;
 
+[[nodiscard]] constexpr bool isScoredSchema(std::uint32_t schema) { return schema > kScoredSchema; }
+[[nodiscard]] constexpr std::uint32_t unscoredSchema(std::uint32_t schema) {
+  return isScoredSchema(schema) ? schema - kScoredSchema : schema;
+}
+[[nodiscard]] constexpr bool isCarryingSchema(std::uint32_t schema) { return unscoredSchema(schema) > kCarryingSchema; }
+[[nodiscard]] constexpr std::uint32_t uncarryingSchema(std::uint32_t schema) {
+  return unscoredSchema(schema) - (isCarryingSchema(schema) ? kCarryingSchema : 0);
+}
+[[nodiscard]] constexpr bool isFullChangeSchema(std::uint32_t schema) {
+  return uncarryingSchema(schema) > kFullChangeSchema;
+}
 [[nodiscard]] constexpr std::uint32_t plainSchema(std::uint32_t schema) {
-  if (schema > kCarryingSchema) schema -= kCarryingSchema;
-  return schema > kFullChangeSchema ? schema - kFullChangeSchema : schema;
+  return uncarryingSchema(schema) - (isFullChangeSchema(schema) ? kFullChangeSchema : 0);
 }
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
   const std::uint32_t plain = plainSchema(schema);
   return plain == kStateSchema || plain == kOrientedStateSchema || plain == kRolledStateSchema;
 }
-/// @param params  of a field, where the number of rolls is known
-[[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params) {
-  const std::uint32_t more =
-      (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) + (params.carry.empty() ? 0 : kCarryingSchema);
+/// @param params  of a field, where the number of rolls is known  @param scored  StateHead::isScored()
+[[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params, bool scored) {
+  const std::uint32_t more = (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) +
+                             (params.carry.empty() ? 0 : kCarryingSchema) + (scored ? kScoredSchema : 0);
   if (params.approach.rolls > 1) return kRolledStateSchema + more;
   return (params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema) + more;
 }
@@ -72,6 +84,11 @@ struct StateHead {
   std::uint64_t leaves_with_before = 0;
   std::uint64_t gone_scans = 0;                    ///< GoneCells::scans()
   std::uint64_t cell_blocks = 0, gone_points = 0;  ///< leaves with cells; points with something in GonePoints
+  /// Of seen directions, of all tools, that are stored with what an update found out; 0 if that is not stored.
+  std::uint32_t scored_words = 0;
+
+  [[nodiscard]] bool isScored() const { return scored_words > 0; }
+  [[nodiscard]] std::size_t toolCount() const { return tools.empty() ? 1 : tools.size(); }
 };
 
 /// Of the seen directions of one point that are stored for further tools.

@@ -7,8 +7,12 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <cmath>
 #include <cstring>
+#include <optional>
 #include <span>
+#include <type_traits>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -39,6 +43,46 @@ StoredPoint pointFrom(const char* from, std::size_t words) {
     from += bytes;
   });
   return point;
+}
+
+/// @return nothing if no point can be so
+std::optional<ScoredPoint> scoredPointFrom(const char* from, const ApproachParams& approach) {
+  ScoredPoint point;
+  std::uint8_t label = 0, reason = 0, known = 0;
+  const auto take = [&from](auto& part) {
+    std::memcpy(&part, from, sizeof part);
+    from += sizeof part;
+  };
+  visitScored(point, [&](auto& part) {
+    using Part = std::remove_cvref_t<decltype(part)>;
+    if constexpr (std::is_same_v<Part, PointLabel>) {
+      take(label);
+    } else if constexpr (std::is_same_v<Part, PointReason>) {
+      take(reason);
+    } else if constexpr (std::is_same_v<Part, bool>) {
+      take(known);
+    } else {
+      take(part);
+    }
+  });
+  const auto directions = static_cast<std::uint16_t>(approach.directionCount());
+  const bool fits = label < kNumPointLabels && reason < kNumPointReasons && known <= 1 && point.normal_L.allFinite() &&
+                    std::isfinite(point.reach_m) && point.reach_m >= 0 && point.stability >= 0 &&
+                    point.stability <= 1 && (point.direction < directions || point.direction == kNoDirection) &&
+                    point.roll < std::max(approach.rolls, 1);
+  if (!fits) return std::nullopt;
+  point.label = static_cast<PointLabel>(label);
+  point.reason = static_cast<PointReason>(reason);
+  point.has_neighbourhood = known == 1;
+  // Who reaches a point knows from where, and what lies around it.
+  if (point.label != PointLabel::Unscored && !point.has_neighbourhood) return std::nullopt;
+  if (point.label == PointLabel::Accessible && point.direction == kNoDirection) return std::nullopt;
+  return point;
+}
+
+bool isInSet(std::span<const std::uint64_t> seen, int directions) {
+  const int in_last = directions - 64 * (static_cast<int>(seen.size()) - 1);
+  return in_last >= 64 || seen.back() >> in_last == 0;
 }
 
 }  // namespace
@@ -79,7 +123,7 @@ void StateReader::readHead() {
       head_.leaves_with_before * kLeafBeforeBytes + head_.poses * kPoseBytes +
       head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_) + columns * sizeof(std::int32_t)) +
       head_.split_points * kSplitPointBytes + head_.votes * kVoteBytes + goneStateBytes(head_) +
-      head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cubes * kClosedCubeBytes;
+      head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cubes * kClosedCubeBytes + scoredStateBytes(head_);
   if (!small || expected != in_.fileBytes()) {
     in_.refuse("its counts do not match the file's size of " + std::to_string(in_.fileBytes()) + " bytes");
   }
@@ -176,6 +220,47 @@ void StateReader::readLeftOut(LeftOutVoxels& voxels, LeftOutPoints& points) {
   std::vector<LeftOutPoints::Cube> cubes(head_.closed_cubes);
   for (LeftOutPoints::Cube& cube : cubes) in_.read(cube.data(), kClosedCubeBytes);
   if (!points.restoreCubes(head_.closed_doublings, cubes)) in_.refuse("a cell is there twice or out of place");
+  in_.end();
+}
+
+void StateReader::readScored(const std::vector<PointScorer*>& scorers) {
+  const std::uint64_t length = head_.points * (kScoredPointBytes * head_.toolCount() + 8 * head_.scored_words);
+  if (in_.begin("scored") != length) in_.refuse("its length does not match the number of points in the head");
+  std::uint64_t words_of_all = 0;
+  for (const PointScorer* scorer : scorers)
+    words_of_all += static_cast<std::uint64_t>(scorer->points().directionWords());
+  if (!scorers.empty() && words_of_all != head_.scored_words) in_.refuse("it is of other directions");
+  std::vector<char> bytes;
+  if (scorers.empty()) {
+    for (std::uint64_t left = length; left > 0; left -= bytes.size()) {
+      bytes.resize(std::min<std::uint64_t>(left, 1 << 20));
+      in_.read(bytes.data(), bytes.size());
+    }
+  }
+  for (PointScorer* scorer : scorers) {
+    const auto words = static_cast<std::size_t>(scorer->points().directionWords());
+    const std::size_t each = kScoredPointBytes + 8 * words;
+    for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {
+      const std::size_t count = std::min<std::uint64_t>(head_.points - first, kPointsRead);
+      bytes.resize(count * each);
+      in_.read(bytes.data(), bytes.size());
+      std::atomic<bool> fits = true;
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 512), [&](const auto& range) {
+        std::vector<std::uint64_t> seen(words);
+        for (std::size_t n = range.begin(); n != range.end(); ++n) {
+          const char* from = bytes.data() + n * each;
+          const std::optional<ScoredPoint> point = scoredPointFrom(from, scorer->params().approach);
+          std::memcpy(seen.data(), from + kScoredPointBytes, 8 * words);
+          if (point && isInSet(seen, scorer->params().approach.directionCount())) {
+            scorer->restore(static_cast<std::uint32_t>(first + n), *point, seen);
+          } else {
+            fits = false;
+          }
+        }
+      });
+      if (!fits) in_.refuse("a point has values that no point can have");
+    }
+  }
   in_.end();
 }
 

@@ -18,6 +18,7 @@
 #include "field/state/state_sections.h"
 #include "points/point_store.h"
 #include "tsdf/packed_map.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::internal {
 
@@ -41,8 +42,11 @@ class StateReader {
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
   /// Next, for ChangeMode::Full. @throws as that does
   void readGone(GoneCells& cells, GonePoints& points);
-  /// Last. @throws as that does
+  /// Next. @throws as that does
   void readLeftOut(LeftOutVoxels& voxels, LeftOutPoints& points);
+  /// Last, if StateHead::isScored(). @param scorers  of the tools, grown; none if they cannot take it: then it is only
+  /// checked. @throws as that does
+  void readScored(const std::vector<PointScorer*>& scorers);
 
  private:
   void readHead();

@@ -159,6 +159,34 @@ void writeGonePoints(SectionWriter& out, const StateHead& head, const GonePoints
   out.end();
 }
 
+/// @param scorers  tool by tool
+void writeScored(SectionWriter& out, const StateHead& head, const std::vector<const PointScorer*>& scorers) {
+  out.begin("scored", head.points * (kScoredPointBytes * scorers.size() + 8 * head.scored_words));
+  std::vector<char> block;
+  for (const PointScorer* scorer : scorers) {
+    const auto words = static_cast<std::size_t>(scorer->points().directionWords());
+    const std::size_t each = kScoredPointBytes + 8 * words;
+    for (std::uint64_t first = 0; first < head.points; first += kPointsWritten) {
+      const std::size_t count = std::min<std::size_t>(head.points - first, kPointsWritten);
+      block.resize(count * each);
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 512), [&](const auto& range) {
+        std::vector<std::uint64_t> seen(words);
+        for (std::size_t n = range.begin(); n != range.end(); ++n) {
+          const ScoredPoint point = scorer->scored(static_cast<std::uint32_t>(first + n), seen);
+          char* to = block.data() + n * each;
+          visitScored(point, [&to](const auto& part) {
+            std::memcpy(to, &part, sizeof part);
+            to += sizeof part;
+          });
+          std::memcpy(to, seen.data(), 8 * words);
+        }
+      });
+      out.write(block.data(), block.size());
+    }
+  }
+  out.end();
+}
+
 void writeLeftOut(SectionWriter& out, const LeftOutVoxels& voxels, const LeftOutPoints& points) {
   out.begin("leftout", voxels.leaves() * kLeftOutLeafBytes + points.closedCubes().size() * kClosedCubeBytes);
   for (const auto& [ijk, bits] : voxels.inOrder()) {
@@ -175,6 +203,11 @@ void writeLeftOut(SectionWriter& out, const LeftOutVoxels& voxels, const LeftOut
 std::uint64_t goneStateBytes(const StateHead& head) {
   if (head.params.change.mode != ChangeMode::Full) return 0;
   return 2 * kSectionFrameBytes + head.cell_blocks * kLeafCellBytes + head.gone_points * kGonePointBytes;
+}
+
+std::uint64_t scoredStateBytes(const StateHead& head) {
+  if (!head.isScored()) return 0;
+  return kSectionFrameBytes + head.points * (kScoredPointBytes * head.toolCount() + 8 * head.scored_words);
 }
 
 std::uint64_t storedPointBytes(const FieldParams& params) {
@@ -196,10 +229,12 @@ void requireSavable(const FieldParams& params) {
 }
 
 void writeState(const std::filesystem::path& file, StateHead head, const StateInputs& parts) {
-  const auto& [map, stores, gone, left_out] = parts;
+  const auto& [map, stores, gone, left_out, scorers] = parts;
   const PointStore& points = *stores.front();
   requireSavable(head.params);
-  head.schema = stateSchemaOf(head.params);
+  for (const PointScorer* scorer : scorers)
+    head.scored_words += static_cast<std::uint32_t>(scorer->points().directionWords());
+  head.schema = stateSchemaOf(head.params, head.isScored());
   head.leaves = map.leaf_count;
   head.leaves_with_values = map.allocated_leaf_count;
   head.leaves_with_votes = map.votedLeafCount();
@@ -235,6 +270,7 @@ void writeState(const std::filesystem::path& file, StateHead head, const StateIn
       writeGonePoints(out, head, *gone->points);
     }
     writeLeftOut(out, map.leftOut(), left_out);
+    if (head.isScored()) writeScored(out, head, scorers);
   });
 }
 

@@ -13,6 +13,7 @@
 #include "field/state/state_head.h"
 #include "points/point_store.h"
 #include "tsdf/packed_map.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::internal {
 
@@ -65,6 +66,25 @@ inline constexpr std::uint64_t kClosedCubeBytes = sizeof(LeftOutPoints::Cube);
 /// Bytes of all sections for ChangeMode::Full, with their frames; 0 for other modes.
 [[nodiscard]] std::uint64_t goneStateBytes(const StateHead& head);
 
+/// What an update found out about a point, for one tool, without seen directions.
+inline constexpr std::uint64_t kScoredPointBytes = 30;
+/// Calls visit(part) for all of it, in its order.
+template <typename Point, typename Visit>
+void visitScored(Point& point, const Visit& visit) {
+  for (Eigen::Index axis = 0; axis < 3; ++axis) visit(point.normal_L[axis]);
+  visit(point.reach_m);
+  visit(point.stability);
+  visit(point.weight);
+  visit(point.score);
+  visit(point.direction);
+  visit(point.label);
+  visit(point.reason);
+  visit(point.roll);
+  visit(point.has_neighbourhood);
+}
+/// Bytes of the section, with its frame; 0 if there is none.
+[[nodiscard]] std::uint64_t scoredStateBytes(const StateHead& head);
+
 /// Evidence about what has gone.
 struct GoneState {
   const GoneCells* cells;
@@ -80,6 +100,7 @@ struct StateInputs {
   std::vector<PointStore*> stores;  ///< of the tools: the same points, seen from other directions
   std::optional<GoneState> gone;    ///< only for ChangeMode::Full
   const LeftOutPoints& left_out;
+  std::vector<const PointScorer*> scorers;  ///< of the tools, if their labels are up to date and all on the host
 };
 
 /// @param head  its counts of leaves and points are filled in here

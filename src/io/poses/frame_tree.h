@@ -8,9 +8,9 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <unordered_map>
 #include <vector>
 
+#include "io/poses/frame_links.h"
 #include "io/poses/pose_track.h"
 
 namespace accessvdb::io {
@@ -27,24 +27,15 @@ class FrameTree {
   void replace(const std::string& parent, const std::string& child, PoseTrack track);
   void finish();  ///< after the last add() and replace()
 
-  /// How two frames are connected. Indices of frames, whose poses in their parents are multiplied.
-  struct Chain {
-    std::vector<std::size_t> from_leaf, from_root;  ///< up to the frame that both have above them
-  };
-  [[nodiscard]] std::optional<Chain> chain(const std::string& root, const std::string& leaf) const;
+  using Chain = FrameLinks::Chain;
+  [[nodiscard]] const FrameLinks& links() const { return links_; }
+  [[nodiscard]] std::optional<Chain> chain(const std::string& root, const std::string& leaf) const {
+    return links_.chain(root, leaf);
+  }
   /// T_root_leaf at a time; nothing where a pose of the chain is missing then.
   [[nodiscard]] std::optional<Eigen::Isometry3d> at(const Chain& chain, std::int64_t stamp_ns) const;
-  /// Where a frame is on what moves: its fixed transforms up to the first one that is not. Nothing where none moves.
-  [[nodiscard]] std::optional<Eigen::Isometry3d> onMovingFrame(const Chain& chain) const;
-  /// "map -> odom -> base_link", upwards with "<-".
-  [[nodiscard]] std::string inWords(const Chain& chain) const;
-  /// "odom -> base_link" for each pose that there is, at most so many.
-  [[nodiscard]] std::vector<std::string> edges(std::size_t most) const;
 
-  [[nodiscard]] bool empty() const { return frames_.empty(); }
-  /// The frame at the top of all that a frame is posed in, itself if that is none; nothing for an unknown one.
-  [[nodiscard]] std::optional<std::string> top(const std::string& leaf) const;
-  [[nodiscard]] std::uint64_t otherParents() const { return other_parents_; }  ///< transforms dropped: a second parent
+  [[nodiscard]] bool empty() const { return links_.size() == 0; }
   [[nodiscard]] std::uint64_t invalid() const;
   [[nodiscard]] std::uint64_t jumps() const;  ///< see PoseTrack; after finish()
   [[nodiscard]] std::uint64_t heldBytes() const;
@@ -52,23 +43,12 @@ class FrameTree {
   void thin(std::int64_t spacing_ns);
 
  private:
-  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
-  struct Frame {
-    std::string name;
-    std::size_t parent = kNone;
-    bool fixed = false;
-    Eigen::Isometry3d T_parent = Eigen::Isometry3d::Identity();  ///< of a fixed frame
-    PoseTrack track;                                             ///< of others
-    explicit Frame(std::int64_t max_gap_ns) : track(max_gap_ns) {}
-  };
-
-  std::size_t frame(std::string_view name);
-  [[nodiscard]] std::vector<std::size_t> pathUp(std::size_t frame) const;
+  PoseTrack& track(std::size_t frame);
 
   std::int64_t max_gap_ns_;
-  std::vector<Frame> frames_;
-  std::unordered_map<std::string, std::size_t> index_;
-  std::uint64_t other_parents_ = 0, invalid_ = 0;
+  FrameLinks links_;
+  std::vector<PoseTrack> tracks_;  ///< [frames]; empty of those that do not move
+  std::uint64_t invalid_ = 0;
   std::size_t poses_ = 0;
 };
 

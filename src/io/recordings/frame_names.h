@@ -8,21 +8,14 @@
 #include <string>
 #include <vector>
 
+#include "io/poses/frame_links.h"
 #include "io/recordings/recording_index.h"
 #include "io/streams/input_file.h"
 
 namespace accessvdb::io {
 
-/// Names that stand for none: the frame of poses that do not say whose they are, and the one that they are in.
-inline const std::string kSensorFrame = "\nsensor", kWorldFrame = "\nworld";
-
 [[nodiscard]] inline std::string frameText(const std::string& name) {
   return name.empty() || name.front() == '\n' ? "without a name" : wordForMessage(name);
-}
-
-[[nodiscard]] inline std::string plainFrame(std::string name) {
-  if (!name.empty() && name.front() == '/') name.erase(0, 1);
-  return name;
 }
 
 /// The frame of most clouds, the first of several; not one that does not move.

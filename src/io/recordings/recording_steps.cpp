@@ -80,7 +80,7 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
                        " ms after another are not used, to save memory");
   if (T_B_S_) rule_ += ", with T_B_S";
   if (!uses_.empty() && !T_B_S_)
-    if (const auto T_B_points = frames_.onMovingFrame(uses_.front().of_points))
+    if (const auto T_B_points = frames_.links().onMovingFrame(uses_.front().of_points))
       warnOfFarExtrinsic(T_B_points->translation(), "the recording's fixed transform of " + wordForMessage(topic_),
                          warnings_);
   if (options.level) {
@@ -126,7 +126,7 @@ void RecordingSteps::usePoseFile(IndexedTopic& cloud, const ScanInputOptions& op
 FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
   if (auto chain = frames_.chain(world_, leaf)) return *std::move(chain);
   std::string edges;
-  for (const std::string& edge : frames_.edges(20)) edges += (edges.empty() ? "" : ", ") + wordForMessage(edge);
+  for (const std::string& edge : frames_.links().edges(20)) edges += (edges.empty() ? "" : ", ") + wordForMessage(edge);
   throw UnusableInput(
       "recording.frames", subject_,
       "frame " + frameText(leaf) + " of " + wordForMessage(topic_) + " is not connected to frame " + frameText(world_) +
@@ -164,7 +164,7 @@ void RecordingSteps::useOdometry(IndexedTopic& poses, IndexedTopic& cloud, const
           (registered ? whose : frameText(world_)) + (registered ? " is, by " : " by ") +
           wordForMessage(poses.topic.name);
   if (!registered && uses_.front().of_points.from_leaf.size() + uses_.front().of_points.from_root.size() > 1)
-    rule_ += " and transforms (" + frames_.inWords(uses_.front().of_points) + ")";
+    rule_ += " and transforms (" + frames_.links().inWords(uses_.front().of_points) + ")";
 }
 
 void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
@@ -201,7 +201,7 @@ void RecordingSteps::useTransforms(IndexedTopic& cloud) {
   frames_.finish();
   if (world_.empty()) {
     const auto usual = mostUsedFrame(cloud, [](const std::string&) { return false; });
-    const auto top = frames_.top(usual.value_or(cloud.frames.front()));
+    const auto top = frames_.links().top(usual.value_or(cloud.frames.front()));
     if (top) world_ = *top;
   }
   leaveOutStrays(cloud, false);
@@ -214,7 +214,8 @@ void RecordingSteps::useTransforms(IndexedTopic& cloud) {
     uses_.push_back({.of_points = requireChain(frame)});
   }
   rule_ = "matching: " + wordForMessage(topic_) + " is in frame " + frameText(cloud.frames.front()) +
-          ", posed in frame " + frameText(world_) + " by transforms (" + frames_.inWords(uses_.front().of_points) + ")";
+          ", posed in frame " + frameText(world_) + " by transforms (" +
+          frames_.links().inWords(uses_.front().of_points) + ")";
   span_ = std::to_string(frames_.poses()) + " transforms";
   const auto tell = [&](std::uint64_t count, const std::string& what) {
     if (count > 0) notices_.push_back("poses: " + std::to_string(count) + " transforms are dropped: " + what);
@@ -222,7 +223,7 @@ void RecordingSteps::useTransforms(IndexedTopic& cloud) {
   if (frames_.invalid() > 0)
     warnings_.push_back({"poses.skipped",
                          std::to_string(frames_.invalid()) + " transforms are skipped: not finite, or not a rotation"});
-  tell(frames_.otherParents(), "their frame was posed in another one before");
+  tell(frames_.links().otherParents(), "their frame was posed in another one before");
   if (frames_.jumps() > 0)
     warnings_.push_back({"poses.jumps", "transforms jump " + std::to_string(frames_.jumps()) +
                                             " times at over 50 m/s: the map may be torn there"});
@@ -283,8 +284,8 @@ RecordingSteps::AtRest RecordingSteps::forceAtRest(const RecordingIndex& index) 
 }
 
 void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {
-  if (uses_.front().registered) return;  // without motion already
   TimedScans timed;
+  timed.registered = uses_.front().registered;
   timed.subject = subject_ + " " + wordForMessage(topic_);
   timed.field = cloud.time_field;
   timed.samples = cloud.spans;
@@ -306,34 +307,28 @@ void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {
   rule_ += choice.words;
 }
 
-bool RecordingSteps::removeMotion(std::size_t step, const bags::CloudMessage& cloud, const Posed& posed,
+Placed RecordingSteps::placeCloud(const IndexedCloud& indexed, const bags::CloudMessage& cloud,
                                   ScanRecord& record) const {
-  const IndexedCloud& indexed = steps_[step];
+  const bool registered = uses_[indexed.frame].registered;
+  const bool insist = deskew_ == Deskew::On && !registered;
   if (!cloud.time) {
-    if (deskew_ != Deskew::On) return false;
+    if (!insist) return Placed::AsIs;
     throw UnusableInput("deskew.no_times", record.path,
                         "the cloud at " + secondsText(indexed.stamp_ns) + " s has no times of points",
                         "Leave out ScanInputOptions::deskew to use such clouds as they are");
   }
-  std::vector<Eigen::Vector3f> points_S;
   std::vector<double> times;
-  bags::appendPoints(cloud, points_S);
   bags::appendTimes(cloud, times);
-  if (!areTimesOf(points_S, times, *scale_, seconds(indexed.stamp_ns) - time_offset_s_, usual_times_)) {
-    record.skipped = "the cloud at " + secondsText(indexed.stamp_ns) + " s has times that are not those of its scan";
-    return true;
-  }
-  const std::vector<std::int32_t> attributes = attributesOf(cloud, step);
-  TimedScan scan = {points_S,        times,          *scale_,   seconds(indexed.stamp_ns) - time_offset_s_,
-                    posed.T_W_cloud, exclude_box_S_, attributes};
-  MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) -> std::optional<Eigen::Isometry3d> {
-    const auto at = poseAt(indexed.frame, indexed.stamp_ns + ms * 1'000'000);
-    if (!at) return std::nullopt;
-    return at->T_W_cloud;
-  });
-  if (deskew_ != Deskew::On && !coversScan(moved)) return false;
-  takeMoved(std::move(moved), record);
-  return true;
+  const TimesOfScan of = {times,      *scale_, usual_times_,  seconds(indexed.stamp_ns) - time_offset_s_,
+                          registered, insist,  exclude_box_S_};
+  return placeByTimes(
+      of,
+      [&](std::int64_t ms) -> std::optional<Eigen::Isometry3d> {
+        const auto at = poseAt(indexed.frame, indexed.stamp_ns + ms * 1'000'000);
+        if (!at) return std::nullopt;
+        return at->T_W_sensor;
+      },
+      record);
 }
 
 std::optional<RecordingSteps::Posed> RecordingSteps::poseAt(std::uint32_t frame, std::int64_t stamp_ns) const {
@@ -385,25 +380,25 @@ ScanRecord RecordingSteps::read(std::size_t step) {
   try {
     const bags::CloudMessage cloud =
         bags::readCloud(cloud_kind_, recordings_[indexed.file]->read(indexed.place), wire_);
-    record.T_W_S = posed->T_W_cloud;
-    if (!uses_[indexed.frame].registered) {
-      if (scale_ && removeMotion(step, cloud, *posed, record)) return record;
+    const bool registered = uses_[indexed.frame].registered;
+    if (registered) {
+      bags::appendPoints(cloud, record.points_W);
+      if (!posed->T_W_cloud.matrix().isIdentity(0))
+        for (Eigen::Vector3d& p : record.points_W) p = posed->T_W_cloud * p;
+    } else {
       bags::appendPoints(cloud, record.points_S);
-      record.attributes = attributesOf(cloud, step);
-      if (exclude_box_S_)
-        record.excluded_points =
-            leaveOutInside(*exclude_box_S_, Eigen::Isometry3d::Identity(), record.points_S, record.attributes);
-      return record;
     }
-    bags::appendPoints(cloud, record.points_W);
     record.attributes = attributesOf(cloud, step);
-    if (!posed->T_W_cloud.matrix().isIdentity(0))
-      for (Eigen::Vector3d& p : record.points_W) p = posed->T_W_cloud * p;
-    if (exclude_box_S_)
-      record.excluded_points = leaveOutInside(*exclude_box_S_, posed->T_W_sensor.inverse(Eigen::Isometry),
-                                              record.points_W, record.attributes);
-    record.origins_W = {posed->T_W_sensor.translation()};
-    record.T_W_S = Eigen::Isometry3d::Identity();
+    record.T_W_S = posed->T_W_sensor;
+    const Placed placed = scale_ ? placeCloud(indexed, cloud, record) : Placed::AsIs;
+    if (placed == Placed::OtherTimes) {
+      record.points_S.clear();
+      record.points_W.clear();
+      record.attributes.clear();
+      record.skipped = "the cloud at " + secondsText(indexed.stamp_ns) + " s has times that are not those of its scan";
+    }
+    if (placed == Placed::AsIs) placeAtOnce(registered, exclude_box_S_, record);
+    if (registered) record.T_W_S = Eigen::Isometry3d::Identity();
     return record;
   } catch (const bags::MessageError&) {
     throw InputError("input.changed", forMessage(path(step).native()), "changed since it was first read",

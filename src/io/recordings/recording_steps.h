@@ -13,6 +13,7 @@
 #include "io/clouds/point_times.h"
 #include "io/poses/pose_files.h"
 #include "io/recordings/recording_index.h"
+#include "io/scans/scan_motion.h"
 
 namespace accessvdb::io {
 
@@ -67,7 +68,7 @@ class RecordingSteps {
   };
   [[nodiscard]] AtRest forceAtRest(const RecordingIndex& index) const;
   void chooseTimes(const IndexedTopic& cloud);
-  [[nodiscard]] bool removeMotion(std::size_t step, const bags::CloudMessage& cloud, const Posed& posed,
+  [[nodiscard]] Placed placeCloud(const IndexedCloud& indexed, const bags::CloudMessage& cloud,
                                   ScanRecord& record) const;
   [[nodiscard]] CarriedFields carriedOf(const bags::CloudMessage& cloud, std::size_t step) const;
   [[nodiscard]] std::vector<std::int32_t> attributesOf(const bags::CloudMessage& cloud, std::size_t step) const;

@@ -55,7 +55,7 @@ RecordingSummary summarizeRecording(const std::filesystem::path& path) {
     summary.messages += topic.messages;
     summary.topics.push_back(std::move(shown));
   }
-  summary.transforms = index.transforms.edges(200);
+  summary.transforms = index.transforms.links().edges(200);
   summary.warnings = index.cut_offs;
   return summary;
 }

@@ -47,11 +47,13 @@ std::vector<TimeSpan> samplesWithin(const OffsetRange& usual, std::vector<TimeSp
 
 DeskewChoice chooseDeskew(Deskew wanted, const TimedScans& timed) {
   const auto unchanged = [&](const std::string& id, const std::string& why, const std::string& advice) {
+    if (timed.registered) return DeskewChoice{{}, {}, "; all rays of a cloud begin at one place: " + why};
     if (wanted == Deskew::On)
       throw UnusableInput(id, timed.subject, "the motion within a scan cannot be removed, as Deskew::On asks: " + why,
                           advice);
     return DeskewChoice{{}, {}, "; motion within a scan is not removed: " + why};
   };
+  if (timed.registered && (wanted == Deskew::Off || timed.field.empty())) return {};
   if (wanted == Deskew::Off) return {{}, {}, "; motion within a scan is not removed: Deskew::Off"};
   if (!timed.posed_by_time)
     return unchanged("deskew.poses", "the poses have no times",
@@ -79,9 +81,12 @@ DeskewChoice chooseDeskew(Deskew wanted, const TimedScans& timed) {
         "no scan has poses within " + gapInWords(timed.max_gap_s) + " of all of its points, " + rangeText(range),
         "Record poses more often, bridge longer gaps with ScanInputOptions::max_gap_s, or leave out "
         "ScanInputOptions::deskew");
-  return {scale, usual,
-          "; each point is placed by the pose at its own time (" + field + ", " + scale->inWords() + ", " +
-              rangeText(range) + ") in " + std::to_string(covered) + " of " + std::to_string(timed.scans) + " scans"};
+  return {
+      scale, usual,
+      std::string(timed.registered ? "; each ray begins where the sensor was at its point's time ("
+                                   : "; each point is placed by the pose at its own time (") +
+          field + ", " + scale->inWords() + ", " + rangeText(range) + ")" +
+          (timed.scans > 0 ? " in " + std::to_string(covered) + " of " + std::to_string(timed.scans) + " scans" : "")};
 }
 
 }  // namespace accessvdb::io

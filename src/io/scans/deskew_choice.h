@@ -18,10 +18,11 @@ namespace accessvdb::io {
 struct TimedScans {
   std::string subject = {};             ///< for messages
   bool posed_by_time = true;            ///< else nothing says where the sensor was between scans
+  bool registered = false;              ///< without motion already: only the rays' origins depend on times
   std::string field = {};               ///< with the times; empty without
   std::vector<TimeSpan> samples = {};   ///< of scans with returns
   std::optional<TimeScale> scale = {};  ///< where the format says it
-  std::size_t scans = 0;                ///< all that are used
+  std::size_t scans = 0;                ///< all that are used; 0: nobody knows yet
   double max_gap_s = kMaxPoseGap_s;     ///< for messages
   /// How many scans have poses at both ends of this range.
   std::function<std::size_t(const OffsetRange&)> covered = {};

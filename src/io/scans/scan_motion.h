@@ -18,6 +18,12 @@ namespace accessvdb::io {
 /// T_W_S at so many milliseconds from the scan's stamp; nothing where there is no pose.
 using PoseAtMillisecond = std::function<std::optional<Eigen::Isometry3d>(std::int64_t)>;
 
+/// From the last whole millisecond before a range to the first after it: those at which poses are asked for.
+struct WholeMilliseconds {
+  std::int64_t first = 0, last = 0;
+};
+[[nodiscard]] WholeMilliseconds around(const OffsetRange& range);
+
 /// Poses at each whole millisecond; between two of them the transform is a straight line, which at 1000 degrees per
 /// second is off by 4e-5 of the range.
 class ScanMotion {
@@ -41,6 +47,17 @@ struct TimedScan {
   std::span<const std::int32_t> attributes = {};  ///< a row for each point, or empty
 };
 
+/// A registered scan: its points are where they were measured, with the motion removed.
+struct TimedRays {
+  const std::vector<Eigen::Vector3d>& points_W;
+  const std::vector<double>& times;  ///< [points_W]
+  TimeScale scale;
+  double stamp_s = 0;  ///< as TimeSpan::stamp_s
+  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+  std::optional<Eigen::AlignedBox3d> exclude_box_S;
+  std::span<const std::int32_t> attributes = {};  ///< a row for each point, or empty
+};
+
 struct MovedScan {
   std::vector<Eigen::Vector3d> points_W, origins_W;  ///< equal for "no return", so that it stays one
   std::vector<std::int32_t> attributes;              ///< of those
@@ -50,15 +67,34 @@ struct MovedScan {
 };
 
 [[nodiscard]] MovedScan removeMotion(const TimedScan& scan, const PoseAtMillisecond& poseAt);
-
-/// Whether the times can be those of the scan: nearly all returns were measured when those of other scans are.
-[[nodiscard]] bool areTimesOf(const std::vector<Eigen::Vector3f>& points_S, const std::vector<double>& times,
-                              const TimeScale& scale, double stamp_s, const OffsetRange& usual);
-
-/// Puts it into a record.
-void takeMoved(MovedScan moved, ScanRecord& record);
+/// Each ray begins where the sensor was when its point was measured.
+[[nodiscard]] MovedScan beginWhereMeasured(const TimedRays& rays, const PoseAtMillisecond& poseAt);
 
 /// Fewer returns with a pose make a scan that is used as it is, or not at all.
 [[nodiscard]] inline bool coversScan(const MovedScan& moved) { return moved.unposed * 100 <= moved.returns; }
+
+/// What the times of one scan mean.
+struct TimesOfScan {
+  const std::vector<double>& times;  ///< [points]
+  TimeScale scale;
+  OffsetRange usual;        ///< of scans that are timed right
+  double stamp_s = 0;       ///< as TimeSpan::stamp_s
+  bool registered = false;  ///< the points are where they were measured
+  bool insist = false;      ///< Deskew::On: what has no pose is left out, however much it is
+  std::optional<Eigen::AlignedBox3d> exclude_box_S;
+};
+
+enum class Placed {
+  ByTimes,    ///< the record holds rays
+  AsIs,       ///< too few returns have a pose at their time: nothing was done
+  OtherTimes  ///< they are not the times of a scan, and it cannot be used
+};
+
+/// The one rule for scans of files, of recordings, and for live ones.
+/// @param record  with T_W_S of the sensor, and points_S, or points_W if they are registered
+[[nodiscard]] Placed placeByTimes(const TimesOfScan& times, const PoseAtMillisecond& poseAt, ScanRecord& record);
+
+/// The same for a scan that counts as measured at one moment.
+void placeAtOnce(bool registered, const std::optional<Eigen::AlignedBox3d>& exclude_box_S, ScanRecord& record);
 
 }  // namespace accessvdb::io

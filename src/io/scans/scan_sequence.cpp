@@ -332,23 +332,20 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                           .laz_command = laz_command});
   }
 
-  /// @return false if the scan has to be used as it is
-  bool removeMotion(const std::vector<double>& times, std::size_t step, ScanRecord& record) const {
+  [[nodiscard]] Placed placeScan(const std::vector<double>& times, std::size_t step, ScanRecord& record) const {
     if (times.size() != record.points_S.size()) {
-      if (options.deskew != Deskew::On) return false;
+      if (options.deskew != Deskew::On) return Placed::AsIs;
       throw UnusableInput("deskew.no_times", forMessage(scan_files[step].native()), "has no times of points",
                           "Leave out ScanInputOptions::deskew to use such scans as they are");
     }
     const double stamp_s = poses[step].stamp_s;
-    const TimedScan scan = {record.points_S,  times, *scale, clockStamp_s(step), record.T_W_S, options.exclude_box_S,
-                            record.attributes};
-    MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) {
-      return interpolatePose(track, stamp_s + static_cast<double>(ms) * 1e-3, options.max_gap_s);
-    });
-    if (options.deskew != Deskew::On && !coversScan(moved)) return false;
-    record.points_S.clear();
-    takeMoved(std::move(moved), record);
-    return true;
+    const bool insist = options.deskew == Deskew::On;
+    return placeByTimes(
+        {times, *scale, usual_times, clockStamp_s(step), false, insist, options.exclude_box_S},
+        [&](std::int64_t ms) {
+          return interpolatePose(track, stamp_s + static_cast<double>(ms) * 1e-3, options.max_gap_s);
+        },
+        record);
   }
 
   ScanRecord readScan(std::size_t step) {
@@ -375,17 +372,14 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     record.noise_points = totals.left_out.all();
     record.step_m = reader->step_m();
     addFileNotices(reader->notices(totals));
-    if (scale && times.size() == record.points_S.size() &&
-        !areTimesOf(record.points_S, times, *scale, clockStamp_s(step), usual_times)) {
+    const Placed placed = scale ? placeScan(times, step, record) : Placed::AsIs;
+    if (placed == Placed::OtherTimes) {
       record.points_S.clear();
       record.attributes.clear();
       record.skipped = forMessage(path.filename().native(), 64) + " has times that are not those of its scan";
-      return record;
     }
-    if (scale && removeMotion(times, step, record)) return record;
-    if (options.exclude_box_S)
-      record.excluded_points =
-          leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S, record.attributes);
+    if (placed != Placed::AsIs) return record;
+    placeAtOnce(false, options.exclude_box_S, record);
     return record;
   }
 };

@@ -3,7 +3,8 @@
  *
  * Sends bytes that are not what the type's name says.
  *
- *   live_garbage_peer domain=N count=N [bytes=N] [reliable=0|1] [topic=cloud|odom] [as=cloud|odom] [die_us=N]
+ *   live_garbage_peer domain=N count=N [bytes=N] [reliable=0|1] [topic=cloud|odom|tf|command] [as=cloud|odom]
+ * [die_us=N]
  *
  * bytes: the size of each message instead of 0 .. 4000 by chance. Half of the small ones begin like a cloud, so that
  * what is wrong comes late. as: under the name of the other type, which nobody is to subscribe to. die_us: it is killed
@@ -46,8 +47,7 @@ static void* dieLater(void* us) {
 
 int main(int argc, char** argv) {
   const char* to = word(argc, argv, "topic", "cloud");
-  const int clouds = strcmp(word(argc, argv, "as", to), "cloud") == 0,
-            wrong = strcmp(word(argc, argv, "as", to), to) != 0;
+  const int wrong = strcmp(word(argc, argv, "as", to), to) != 0;
   long die_us = atol(word(argc, argv, "die_us", "0"));
   const long count = atol(word(argc, argv, "count", "100"));
   const size_t fixed = (size_t)atol(word(argc, argv, "bytes", "0"));
@@ -58,9 +58,19 @@ int main(int argc, char** argv) {
   const int reliable = atol(word(argc, argv, "reliable", "1")) > 0;
   dds_qset_reliability(qos, reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT, DDS_SECS(2));
   dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 100);
-  const dds_entity_t topic = dds_create_topic(
-      participant, clouds ? &sensor_msgs_msg_dds__PointCloud2__desc : &nav_msgs_msg_dds__Odometry__desc,
-      strcmp(to, "cloud") == 0 ? "rt/livox/lidar" : "rt/Odometry", NULL, NULL);
+  const struct {
+    const char *word, *name;
+    const dds_topic_descriptor_t* type;
+  } kTopics[] = {{"cloud", "rt/livox/lidar", &sensor_msgs_msg_dds__PointCloud2__desc},
+                 {"odom", "rt/Odometry", &nav_msgs_msg_dds__Odometry__desc},
+                 {"tf", "rt/tf", &tf2_msgs_msg_dds__TFMessage__desc},
+                 {"command", "rt/accessvdb/command", &std_msgs_msg_dds__String__desc}};
+  int where = 0, type = 0;
+  for (int i = 0; i < 4; ++i) {
+    if (strcmp(kTopics[i].word, to) == 0) where = i;
+    if (strcmp(kTopics[i].word, word(argc, argv, "as", to)) == 0) type = i;
+  }
+  const dds_entity_t topic = dds_create_topic(participant, kTopics[type].type, kTopics[where].name, NULL, NULL);
   check(topic, "topic");
   const dds_entity_t writer = dds_create_writer(participant, topic, qos, NULL);
   check(writer, "writer");
@@ -88,19 +98,12 @@ int main(int argc, char** argv) {
     uint8_t* bytes = malloc(size + 1);
     for (size_t i = 0; i < size; ++i) bytes[i] = (uint8_t)chance();
     if (published % 2 == 0 && size >= sizeof kLikeCloud) memcpy(bytes, kLikeCloud, sizeof kLikeCloud);
-    if (clouds) {
-      sensor_msgs_msg_dds__PointCloud2_ sample;
-      memset(&sample, 0, sizeof sample);
-      sample.bytes._buffer = bytes;
-      sample.bytes._length = sample.bytes._maximum = (uint32_t)size;
-      check(dds_write(writer, &sample), "write");
-    } else {
-      nav_msgs_msg_dds__Odometry_ sample;
-      memset(&sample, 0, sizeof sample);
-      sample.bytes._buffer = bytes;
-      sample.bytes._length = sample.bytes._maximum = (uint32_t)size;
-      check(dds_write(writer, &sample), "write");
-    }
+    /* All types are the same sequence of bytes. */
+    sensor_msgs_msg_dds__PointCloud2_ sample;
+    memset(&sample, 0, sizeof sample);
+    sample.bytes._buffer = bytes;
+    sample.bytes._length = sample.bytes._maximum = (uint32_t)size;
+    check(dds_write(writer, &sample), "write");
     free(bytes);
     if (die_us == 0) dds_sleepfor(DDS_MSECS(fixed > 0 ? 100 : 2));
   }

@@ -5,14 +5,18 @@
  * live map. Shares no code with the project.
  *
  *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [large=N] [listen=PREFIX] [wait_s=S]
- *             [pose_stamps=FILE] [poses=0|1]
+ *             [pose_stamps=FILE] [poses=0|1] [odometry=FILE] [times=0|1] [livox=0|1] [frame=NAME] [child=NAME]
+ *             [static_tf=FILE]
  *
  * STREAM: for each scan int64 stamp_ns, 3 doubles, 4 doubles x y z w, uint32 n, n x 3 floats; little-endian.
  * rate=0: as fast as it can. die=N: it is killed after N scans.
  * large=N: after N scans comes one of 3 MB more, which is not counted. listen: writes PREFIX.status (the last one),
  * PREFIX.points (the data of the last message with all points), PREFIX.changes (the data of all messages with changed
  * points, one after the other). pose_stamps: int64 for each scan, the stamps of the odometry instead of those of the
- * scans. poses=0: clouds alone. Prints "published N" at the end. */
+ * scans. poses=0: clouds alone. odometry: instead, int64 stamp_ns, 3 doubles, 4 doubles x y z w, for each pose: all up
+ * to the end of a scan come before it. times=1: after its points, a scan of STREAM has n x uint32, when each was
+ * measured in ns since its stamp. livox=1: clouds are sent as CustomMsg. frame, child: of clouds and odometry, both
+ * "body". Prints "published N" at the end. */
 #include <dds/dds.h>
 #include <inttypes.h>
 #include <signal.h>
@@ -25,6 +29,8 @@
 
 typedef sensor_msgs_msg_dds__PointCloud2_ Cloud;
 typedef nav_msgs_msg_dds__Odometry_ Odometry;
+typedef livox_ros_driver2_msg_dds__CustomMsg_ Livox;
+typedef livox_ros_driver2_msg_dds__CustomPoint_ LivoxPoint;
 typedef std_msgs_msg_dds__String_ Text;
 
 static void check(dds_return_t code, const char* what) {
@@ -64,6 +70,92 @@ static FILE* openOut(const char* prefix, const char* suffix) {
     exit(1);
   }
   return file;
+}
+
+static void setStamp(std_msgs_msg_dds__Header_* header, int64_t stamp_ns) {
+  header->stamp.sec = (int32_t)(stamp_ns / 1000000000);
+  header->stamp.nanosec = (uint32_t)(stamp_ns % 1000000000);
+}
+
+/* pose: x y z, qx qy qz qw */
+static void sendPose(dds_entity_t odometry, int64_t stamp_ns, const double* pose, char* child) {
+  Odometry odom;
+  memset(&odom, 0, sizeof odom);
+  setStamp(&odom.header, stamp_ns);
+  odom.header.frame_id = "odom";
+  odom.child_frame_id = child;
+  odom.pose.pose.position.x = pose[0];
+  odom.pose.pose.position.y = pose[1];
+  odom.pose.pose.position.z = pose[2];
+  odom.pose.pose.orientation.x = pose[3];
+  odom.pose.pose.orientation.y = pose[4];
+  odom.pose.pose.orientation.z = pose[5];
+  odom.pose.pose.orientation.w = pose[6];
+  check(dds_write(odometry, &odom), "odometry");
+}
+
+/* Those of a file up to a time. */
+struct PoseFile {
+  FILE* file;
+  int64_t stamp_ns;
+  double pose[7];
+  int has_next;
+};
+static void readPose(struct PoseFile* poses) {
+  poses->has_next = fread(&poses->stamp_ns, sizeof poses->stamp_ns, 1, poses->file) == 1 &&
+                    fread(poses->pose, sizeof(double), 7, poses->file) == 7;
+}
+static void sendPosesUntil(struct PoseFile* poses, int64_t end_ns, dds_entity_t odometry, char* child) {
+  for (; poses->has_next && poses->stamp_ns <= end_ns; readPose(poses))
+    sendPose(odometry, poses->stamp_ns, poses->pose, child);
+}
+
+static void sendTransforms(dds_entity_t writer, const char* path) {
+  enum { kMost = 20 };
+  static char names[kMost][2][100];
+  static geometry_msgs_msg_dds__TransformStamped_ sent[kMost];
+  FILE* file = fopen(path, "r");
+  if (file == NULL) {
+    perror(path);
+    exit(1);
+  }
+  tf2_msgs_msg_dds__TFMessage_ message;
+  memset(&message, 0, sizeof message);
+  message.transforms._buffer = sent;
+  uint32_t count = 0;
+  for (; count < kMost; ++count) {
+    geometry_msgs_msg_dds__Transform_* to = &sent[count].transform;
+    if (fscanf(file, "%99s %99s %lf %lf %lf %lf %lf %lf %lf", names[count][0], names[count][1], &to->translation.x,
+               &to->translation.y, &to->translation.z, &to->rotation.x, &to->rotation.y, &to->rotation.z,
+               &to->rotation.w) != 9)
+      break;
+    sent[count].header.frame_id = names[count][0];
+    sent[count].child_frame_id = names[count][1];
+  }
+  fclose(file);
+  message.transforms._length = message.transforms._maximum = count;
+  check(dds_write(writer, &message), "transforms");
+}
+
+static void sendLivox(dds_entity_t clouds, int64_t stamp_ns, char* frame, uint32_t points, const float* xyz,
+                      const uint32_t* times_ns) {
+  Livox message;
+  memset(&message, 0, sizeof message);
+  setStamp(&message.header, stamp_ns);
+  message.header.frame_id = frame;
+  message.timebase = (uint64_t)stamp_ns;
+  message.point_num = points;
+  message.points._buffer = calloc(points + 1, sizeof(LivoxPoint));
+  message.points._length = message.points._maximum = points;
+  for (uint32_t i = 0; i < points; ++i) {
+    LivoxPoint* to = message.points._buffer + i;
+    to->offset_time = times_ns[i];
+    to->x = xyz[3 * i];
+    to->y = xyz[3 * i + 1];
+    to->z = xyz[3 * i + 2];
+  }
+  check(dds_write(clouds, &message), "cloud");
+  free(message.points._buffer);
 }
 
 struct Ears {
@@ -147,7 +239,18 @@ int main(int argc, char** argv) {
     perror("pose_stamps");
     return 1;
   }
-  const int with_poses = argument(argc, argv, "poses", 1) > 0;
+  const int with_times = argument(argc, argv, "times", 0) > 0, livox = argument(argc, argv, "livox", 0) > 0;
+  char* const frame = (char*)(word(argc, argv, "frame") != NULL ? word(argc, argv, "frame") : "body");
+  char* const child = (char*)(word(argc, argv, "child") != NULL ? word(argc, argv, "child") : "body");
+  struct PoseFile poses = {NULL, 0, {0}, 0};
+  if (word(argc, argv, "odometry") != NULL) {
+    if ((poses.file = fopen(word(argc, argv, "odometry"), "rb")) == NULL) {
+      perror("odometry");
+      return 1;
+    }
+    readPose(&poses);
+  }
+  const int with_poses = poses.file == NULL && argument(argc, argv, "poses", 1) > 0;
   const double rate = argument(argc, argv, "rate", 10);
   const long first = (long)argument(argc, argv, "first", 0), count = (long)argument(argc, argv, "count", 1e9),
              die = (long)argument(argc, argv, "die", -1), large = (long)argument(argc, argv, "large", -1);
@@ -163,8 +266,9 @@ int main(int argc, char** argv) {
     dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
     dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 5);
   }
-  const dds_entity_t cloud_topic =
-      dds_create_topic(participant, &sensor_msgs_msg_dds__PointCloud2__desc, "rt/livox/lidar", NULL, NULL);
+  const dds_entity_t cloud_topic = dds_create_topic(
+      participant, livox ? &livox_ros_driver2_msg_dds__CustomMsg__desc : &sensor_msgs_msg_dds__PointCloud2__desc,
+      "rt/livox/lidar", NULL, NULL);
   const dds_entity_t odom_topic =
       dds_create_topic(participant, &nav_msgs_msg_dds__Odometry__desc, "rt/Odometry", NULL, NULL);
   check(cloud_topic, "topic of clouds");
@@ -173,6 +277,20 @@ int main(int argc, char** argv) {
   const dds_entity_t odometry = dds_create_writer(participant, odom_topic, qos, NULL);
   check(clouds, "writer of clouds");
   check(odometry, "writer of odometry");
+
+  dds_entity_t transforms = 0;
+  if (word(argc, argv, "static_tf") != NULL) {
+    dds_qos_t* latched = dds_create_qos();
+    dds_qset_reliability(latched, DDS_RELIABILITY_RELIABLE, DDS_SECS(60));
+    dds_qset_durability(latched, DDS_DURABILITY_TRANSIENT_LOCAL);
+    dds_qset_history(latched, DDS_HISTORY_KEEP_LAST, 1);
+    const dds_entity_t topic =
+        dds_create_topic(participant, &tf2_msgs_msg_dds__TFMessage__desc, "rt/tf_static", NULL, NULL);
+    check(topic, "topic of transforms");
+    transforms = dds_create_writer(participant, topic, latched, NULL);
+    check(transforms, "writer of transforms");
+    dds_delete_qos(latched);
+  }
 
   struct Ears ears = {word(argc, argv, "listen"), 0, 0, 0, 0, NULL};
   if (ears.prefix != NULL) {
@@ -209,13 +327,14 @@ int main(int argc, char** argv) {
   // Both sides must have seen the match: the other one finds out a little later.
   dds_sleepfor(DDS_MSECS(1500));
 
-  sensor_msgs_msg_dds__PointField_ fields[3];
+  const uint32_t columns = with_times ? 4 : 3, point_bytes = 4 * columns;
+  sensor_msgs_msg_dds__PointField_ fields[4];
   memset(fields, 0, sizeof fields);
-  char* names[3] = {"x", "y", "z"};
-  for (uint32_t i = 0; i < 3; ++i) {
+  char* names[4] = {"x", "y", "z", "t"};
+  for (uint32_t i = 0; i < columns; ++i) {
     fields[i].name = names[i];
     fields[i].offset = 4 * i;
-    fields[i].datatype = 7;
+    fields[i].datatype = i < 3 ? 7 : 6;
     fields[i].count = 1;
   }
   long number = 0, published = 0;
@@ -230,53 +349,53 @@ int main(int argc, char** argv) {
     if (pose_stamps != NULL) need(fread(&pose_stamp_ns, sizeof pose_stamp_ns, 1, pose_stamps), 1);
     float* xyz = malloc(12 * (size_t)points + 1);
     need(fread(xyz, 12, points, stream), points);
+    uint32_t* times_ns = calloc((size_t)points + 1, 4);
+    if (with_times) need(fread(times_ns, 4, points, stream), points);
     if (number >= first) {
       if (rate > 0) waitUntil(start + (dds_time_t)(1e9 * (double)published / rate), &ears);
-      Odometry odom;
-      memset(&odom, 0, sizeof odom);
-      odom.header.stamp.sec = (int32_t)(pose_stamp_ns / 1000000000);
-      odom.header.stamp.nanosec = (uint32_t)(pose_stamp_ns % 1000000000);
-      odom.header.frame_id = "odom";
-      odom.child_frame_id = "body";
-      odom.pose.pose.position.x = pose[0];
-      odom.pose.pose.position.y = pose[1];
-      odom.pose.pose.position.z = pose[2];
-      odom.pose.pose.orientation.x = pose[3];
-      odom.pose.pose.orientation.y = pose[4];
-      odom.pose.pose.orientation.z = pose[5];
-      odom.pose.pose.orientation.w = pose[6];
-      if (with_poses) check(dds_write(odometry, &odom), "odometry");
+      if (with_poses) sendPose(odometry, pose_stamp_ns, pose, child);
+      if (poses.file != NULL) sendPosesUntil(&poses, stamp_ns + 110000000, odometry, child);
       Cloud cloud;
       memset(&cloud, 0, sizeof cloud);
-      cloud.header.stamp.sec = (int32_t)(stamp_ns / 1000000000);
-      cloud.header.stamp.nanosec = (uint32_t)(stamp_ns % 1000000000);
-      cloud.header.frame_id = "body";
+      setStamp(&cloud.header, stamp_ns);
+      cloud.header.frame_id = frame;
       cloud.height = 1;
       cloud.width = points;
       cloud.fields._buffer = fields;
-      cloud.fields._length = cloud.fields._maximum = 3;
-      cloud.point_step = 12;
-      cloud.row_step = 12 * points;
-      cloud.data._buffer = (uint8_t*)xyz;
-      cloud.data._length = cloud.data._maximum = 12 * points;
+      cloud.fields._length = cloud.fields._maximum = columns;
+      cloud.point_step = point_bytes;
+      cloud.row_step = point_bytes * points;
+      cloud.data._buffer = malloc((size_t)point_bytes * points + 1);
+      cloud.data._length = cloud.data._maximum = point_bytes * points;
+      for (uint32_t i = 0; i < points; ++i) {
+        memcpy(cloud.data._buffer + (size_t)point_bytes * i, xyz + 3 * (size_t)i, 12);
+        if (with_times) memcpy(cloud.data._buffer + (size_t)point_bytes * i + 12, times_ns + i, 4);
+      }
       cloud.is_dense = true;
-      check(dds_write(clouds, &cloud), "cloud");
+      if (livox)
+        sendLivox(clouds, stamp_ns, frame, points, xyz, times_ns);
+      else
+        check(dds_write(clouds, &cloud), "cloud");
+      free(cloud.data._buffer);
       ++published;
+      if (transforms > 0 && published == 1) sendTransforms(transforms, word(argc, argv, "static_tf"));
       listenTo(&ears);
       if (published == die) raise(SIGKILL);
       if (published == large) {
         const uint32_t count = 250000;
         cloud.header.stamp.nanosec += 1000;
         cloud.width = count;
-        cloud.row_step = 12 * count;
-        cloud.data._length = cloud.data._maximum = 12 * count;
-        cloud.data._buffer = calloc(count, 12);
+        cloud.row_step = point_bytes * count;
+        cloud.data._length = cloud.data._maximum = point_bytes * count;
+        cloud.data._buffer = calloc(count, point_bytes);
         check(dds_write(clouds, &cloud), "large cloud");
         free(cloud.data._buffer);
       }
     }
     free(xyz);
+    free(times_ns);
   }
+  if (poses.file != NULL) sendPosesUntil(&poses, INT64_MAX, odometry, child);
   if (argument(argc, argv, "reliable", 1) > 0) {
     check(dds_wait_for_acks(odometry, DDS_SECS(60)), "odometry did not arrive");
     check(dds_wait_for_acks(clouds, DDS_SECS(60)), "clouds did not arrive");

@@ -101,7 +101,7 @@ std::map<std::string, std::string> linesOf(const FieldParams& params) {
 internal::StateHead headOf(const FieldParams& params) {
   internal::StateHead head;
   head.params = params;
-  head.schema = internal::stateSchemaOf(params);
+  head.schema = internal::stateSchemaOf(params, false);
   head.rules_version = internal::kRulesVersion;
   return head;
 }

@@ -89,6 +89,40 @@ TEST(ScanMotion, PutsEachReturnWhereItWasMeasured) {
   }
 }
 
+TEST(ScanMotion, BeginsRegisteredRaysWhereTheSensorWas) {
+  const MovingScanner scanner;
+  constexpr std::size_t kCount = 500;
+  std::vector<Eigen::Vector3d> points_W;
+  std::vector<double> times;
+  for (std::size_t i = 0; i < kCount; ++i) {
+    points_W.push_back(scanner.pointOn(i));
+    times.push_back(1e3 * scanner.timeOf(i, kCount));
+  }
+  points_W[7].setZero();
+  times[9] = std::numeric_limits<double>::quiet_NaN();
+  // In the sensor's frame, one that moves: only what is in it at its own time is left out.
+  const Eigen::Vector3d excluded_S = scanner.measured(0, 250, kCount).cast<double>();
+  const Eigen::AlignedBox3d box(excluded_S.array() - 1e-3, excluded_S.array() + 1e-3);
+  const MovedScan moved = beginWhereMeasured(
+      {points_W, times, {1e-3, false}, 100, scanner.at(100), box},
+      [&](std::int64_t ms) { return std::optional(scanner.at(scanner.stamp_s + 1e-3 * static_cast<double>(ms))); });
+  EXPECT_EQ(moved.excluded, 1U);
+  EXPECT_EQ(moved.unposed, 1U);
+  ASSERT_EQ(moved.points_W.size(), kCount - 2);
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < kCount; ++i) {
+    if (i == 9 || i == 250) continue;
+    const Eigen::Vector3d p_W = moved.points_W[n], q_W = moved.origins_W[n];
+    ++n;
+    if (i == 7) {
+      EXPECT_EQ(p_W, q_W) << "no return has become one";
+      continue;
+    }
+    EXPECT_EQ(p_W, scanner.pointOn(i)) << i;
+    EXPECT_NEAR((q_W - scanner.at(100 + scanner.timeOf(i, kCount)).translation()).norm(), 0, kTolerance_m) << i;
+  }
+}
+
 /// Scans of the moving scanner as files.
 class MovingFiles : public ::testing::Test {
  protected:

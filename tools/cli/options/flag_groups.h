@@ -23,7 +23,8 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
      "--stations --ray --keep-noise --laz-command --topic --pose-topic --fixed-frame --extrinsic --exclude-box "
      "--deskew --level "
      "--cloud "
-     "--odom --domain --network --queue --max-message --min-range --max-range --range-noise --segments --append "},
+     "--odom --imu --domain --network --queue --max-message --min-range --max-range --range-noise --segments "
+     "--append "},
     {"Tool",
      " --tool --tool-name --tool-unit --tool-tip --tool-axis --tool-up --orientations --rolls --max-collisions "
      "--corridor "

@@ -2,12 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "options/live_options.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cstdlib>
 #include <tuple>
 
 #include "accessvdb/error.h"
-#include "options/tools_given.h"
+#include "runs/checkpoint.h"
 #include "runs/memory_check.h"
 
 namespace accessvdb::tools {
@@ -31,13 +32,18 @@ void requireTopic(const char* flag, const std::string& topic) {
 void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   MapOptions& map = options.map;
   map.forgetful = true;
-  flags.describe("live",
-                 "Labels while the scanner runs: clouds and odometry of ROS 2 in, labelled points out, over DDS.",
-                 "accessvdb live --cloud /livox/lidar --odom /Odometry --tool builtin:pruner --voxel 0.05 --out out/\n"
-                 "  accessvdb live --cloud /cloud_registered --odom /Odometry --config live.toml --network --out out/");
+  map.update_every = 1;
+  flags.describe(
+      "live",
+      "Labels while the scanner runs: clouds, odometry and transforms of ROS 2 in, labelled points out, over DDS (" +
+          dds::middleware() + ").",
+      "accessvdb live --cloud /livox/lidar --odom /Odometry --extrinsic=-0.011,-0.023,0.044 --tool builtin:pruner "
+      "--voxel 0.05 --out out/\n"
+      "  accessvdb live --cloud /cloud_registered --odom /Odometry --config live.toml --network --out out/");
   addCommonOptions(flags, map.common);
   flags.option("--cloud", &options.cloud, "topic with the clouds: sensor_msgs/PointCloud2 or Livox CustomMsg");
   flags.option("--odom", &options.odom, "topic with the poses: nav_msgs/Odometry or geometry_msgs/PoseStamped");
+  flags.option("--imu", &options.imu, "topic of the IMU that --level imu reads: sensor_msgs/Imu");
   flags.option("--domain", &options.domain, "domain of DDS, 0 .. 232; default: ROS_DOMAIN_ID, else 0");
   flags.flag("--network", options.network, "use all network interfaces; without it nothing leaves this machine");
   flags.option("--queue", &options.queue, "if more scans wait, the oldest are fused without labels of their own");
@@ -47,11 +53,14 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
                "eighths of what the machine can give");
   flags.option("--points-every", &options.points_every_s, "seconds between messages with all points; 0 = never");
   flags.option("--status-every", &options.status_every_s, "seconds between messages about the run");
+  flags.option("--checkpoint", &map.checkpoint, "folder in which the command checkpoint leaves the map's state");
   flags.option("--scan-log", &options.scan_log, "write a line per scan into this file: taken, or why not");
   addFieldOptions(flags, map);
   addSensorOptions(flags, map.sensor);
+  addMotionOptions(flags, map.sensor);
   addGapOption(flags, map.survey);
   flags.option("--out", &map.out, "folder for the files of map, written when the run is stopped");
+  flags.option("--update-every", &map.update_every, "score after every n scans");
   flags.option("--policy", &map.policy, "how points to be scored again are chosen: exact or paper");
   flags.option("--corridor", &map.corridor_m, "length of the straight corridor that must be free, metres");
   flags.option("--origin", &map.origin,
@@ -71,11 +80,19 @@ void checkLiveOptions(const LiveRunOptions& options) {
         std::tuple{"--out", options.map.out, "the folder for the results"}}) {
     if (value.empty()) throw InvalidArgument("usage.missing", flag, "is missing", std::string("Name ") + what);
   }
-  requireOneTool(options.map, "live");
   requireTopic("--cloud", options.cloud);
   requireTopic("--odom", options.odom);
   if (options.cloud == options.odom)
     throw InvalidArgument("usage.topic", "--odom", "is the same topic as --cloud", "Name the topic with the poses");
+  const bool by_imu = options.map.sensor.level == "imu";
+  if (by_imu && options.imu.empty())
+    throw InvalidArgument("usage.missing", "--imu", "is missing, which --level imu needs",
+                          "Name the topic of the IMU, for example /livox/imu");
+  if (!by_imu && !options.imu.empty())
+    throw InvalidArgument("usage.imu", "--imu", "is only for --level imu", "Add --level imu, or omit it");
+  if (by_imu) requireTopic("--imu", options.imu);
+  if (options.map.update_every < 1)
+    throw InvalidArgument("usage.update_every", "--update-every", "must be 1 or more", "Leave it out for 1");
   if (options.queue < 1 || options.queue > 1000)
     throw InvalidArgument("usage.queue", "--queue", "must be 1 .. 1000", "Leave it out for the default");
   for (const auto& [flag, value] :
@@ -85,6 +102,7 @@ void checkLiveOptions(const LiveRunOptions& options) {
   }
   if (options.map.exported.sequence > 0)
     throw InvalidArgument("usage.sequence", "--sequence", "is for map, not for live", "Leave it out");
+  checkCheckpointOptions(options.map);
   (void)sessionOptions(options);
   (void)participantOptions(options);
   (void)renderOptions(options.map.picture);
@@ -100,6 +118,9 @@ LiveOptions sessionOptions(const LiveRunOptions& options) {
   live.max_gap_s = options.map.survey.max_gap_s;
   live.T_B_S = sensor.T_B_S;
   live.exclude_box_S = sensor.exclude_box_S;
+  live.deskew = sensor.deskew;
+  live.level = sensor.level;
+  live.update_every = static_cast<std::size_t>(std::max(1, options.map.update_every));
   const std::uint64_t machine = memoryLimit(options.map).value_or(0);
   // What else the program needs, and others on the machine, must fit beside.
   live.memory_limit_bytes = options.map.max_memory.empty() ? machine / 8 * 7 : machine;
@@ -116,6 +137,7 @@ dds::ParticipantOptions participantOptions(const LiveRunOptions& options) {
   participant.most_message_bytes = static_cast<std::uint32_t>(most);
   participant.cloud_topic = options.cloud;
   participant.pose_topic = options.odom;
+  participant.imu_topic = options.imu;
   return participant;
 }
 

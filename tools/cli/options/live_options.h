@@ -14,7 +14,7 @@ namespace accessvdb::tools {
 
 struct LiveRunOptions {
   MapOptions map;  ///< of which --scans, --poses and the like have no flag here
-  std::string cloud, odom, domain, max_message = "16M", scan_log;
+  std::string cloud, odom, imu, domain, max_message = "16M", scan_log;
   bool network = false;
   int queue = 4;
   double points_every_s = 1, status_every_s = 1;

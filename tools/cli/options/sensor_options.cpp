@@ -50,7 +50,7 @@ void addMotionOptions(FlagParser& flags, SensorOptions& options) {
                "poses), on (or refuse) or off");
   flags.option("--level", &options.level,
                "turn the map level where the odometry's frame is tilted: ROLL,PITCH of that frame in degrees, or imu "
-               "(recordings: by what sensor_msgs/Imu felt at rest at the start)");
+               "(recordings and live: by what sensor_msgs/Imu felt at rest at the start)");
 }
 
 void applySensorOptions(const SensorOptions& options, io::ScanInputOptions& input) {

@@ -19,7 +19,7 @@ struct SensorOptions {
 
 /// Where the sensor is, and what it sees of the platform.
 void addSensorOptions(FlagParser& flags, SensorOptions& options);
-/// How it moves and is tilted: only where scans come from files.
+/// How it moves within a scan and is tilted.
 void addMotionOptions(FlagParser& flags, SensorOptions& options);
 
 /// @throws InvalidArgument naming the flag

@@ -51,12 +51,21 @@ Json jsonLive(const LiveReport& live) {
   for (int i = 0; i < kNumScanDrops; ++i) {
     dropped[name(static_cast<ScanDrop>(i))] = status.dropped[static_cast<std::size_t>(i)];
   }
+  Json answers = Json::array();
+  for (const LiveAnswer& answer : live.commands.answers)
+    answers.push_back(
+        {{"id", Json::parse(answer.id)}, {"command", answer.command}, {"done", answer.done}, {"words", answer.words}});
   return {
       {"published", status.published},
       {"taken", status.taken},
       {"late", status.late},
       {"waiting", status.waiting},
       {"dropped", dropped},
+      {"paused", status.paused},
+      {"resets", status.resets},
+      {"commands",
+       {{"received", live.commands.received}, {"done", live.commands.done}, {"refused", live.commands.refused}}},
+      {"answers", answers},
       {"malformed", live.malformed},
       {"lost", live.lost},
       {"poses",
@@ -65,10 +74,18 @@ Json jsonLive(const LiveReport& live) {
         {"repeated", status.poses_repeated},
         {"backwards", status.poses_backwards},
         {"other_frame", status.poses_other_frame}}},
+      {"transforms",
+       {{"received", status.transforms},
+        {"invalid", status.transforms_invalid},
+        {"other_parent", status.transforms_other_parent}}},
       {"frame", status.world_frame},
+      {"sensor_chain", status.sensor_chain},
       {"points_in", status.points_in},
       {"points_used", status.points_used},
       {"excluded_returns", status.excluded_returns},
+      {"unposed_returns", status.unposed_returns},
+      {"by_times", status.by_times},
+      {"motion", status.motion},
       {"surface_points", status.surface_points},
       {"memory",
        {{"bytes", status.memory_bytes},

@@ -59,10 +59,24 @@ struct TilesReport {
 };
 
 /// What a live run adds.
+/// What a command to a live run was answered.
+struct LiveAnswer {
+  std::string id = "null";  ///< as JSON, as sent
+  std::string command;
+  bool done = false;
+  std::string words;
+};
+
+struct LiveCommandReport {
+  std::uint64_t received = 0, done = 0, refused = 0;
+  std::vector<LiveAnswer> answers;  ///< the latest ones
+};
+
 struct LiveReport {
   LiveStatus status;
   std::uint64_t malformed = 0;  ///< messages that are not what their type says
   std::uint64_t lost = 0;       ///< messages that the middleware says did not arrive
+  LiveCommandReport commands = {};
 };
 
 /// One of several tools, as given.

@@ -304,11 +304,14 @@ bool Checkpoints::due() const {
   return std::chrono::duration<double>(Clock::now() - last_).count() >= every_s_;
 }
 
-void Checkpoints::write(const AccessibilityField& field, const RunProgress& progress) {
-  if (folder_.empty() || written_scans_ == progress.scansFused()) return;
+bool Checkpoints::write(const AccessibilityField& field, const RunProgress& progress) {
+  if (folder_.empty()) return false;
+  if (written_scans_ == progress.scansFused()) return true;
+  bool written = false;
   try {
     writeBoth(field, progress);
     written_scans_ = progress.scansFused();
+    written = true;
   } catch (const OutputError& error) {
     messages_.warning("checkpoint.failed", std::string("no checkpoint was written: ") + error.what());
   } catch (const InputError& error) {
@@ -317,6 +320,7 @@ void Checkpoints::write(const AccessibilityField& field, const RunProgress& prog
   std::error_code ignored;
   if (generation_ == 0) fs::remove(folder_ / kManifest, ignored);  // it announces a state that has failed
   last_ = Clock::now();
+  return written;
 }
 
 void Checkpoints::sayHowToGoOn() const {

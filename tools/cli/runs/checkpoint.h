@@ -72,7 +72,10 @@ class Checkpoints {
   /// Whether --checkpoint-every has passed since the last one.
   [[nodiscard]] bool due() const;
   /// Writes one, unless there is nothing new. If that fails, a warning says so, and the run goes on.
-  void write(const AccessibilityField& field, const RunProgress& progress);
+  /// @return whether the last one is of that field
+  bool write(const AccessibilityField& field, const RunProgress& progress);
+  /// The field changed by more than scans: the next one is written in any case.
+  void noteChange() { written_scans_ = static_cast<std::uint64_t>(-1); }
   /// For a run that was stopped.
   void sayHowToGoOn() const;
 

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
-#include <fstream>
 #include <sstream>
 
 #include "accessvdb/error.h"
@@ -21,11 +20,16 @@
 #include "options/live_options.h"
 #include "options/tools_given.h"
 #include "output/output_files.h"
+#include "output/progress.h"
 #include "output/report.h"
 #include "output/run_summary.h"
+#include "output/scan_log.h"
 #include "output/stop_signal.h"
 #include "runs/agreement_check.h"
+#include "runs/checkpoint.h"
 #include "runs/gpu_fallback.h"
+#include "runs/live_commands.h"
+#include "runs/live_words.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -43,47 +47,6 @@ constexpr auto kWordsEvery = std::chrono::seconds(5);
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
-/// A line per scan: its time in nanoseconds, and "taken" or "late" (only fused) with what it took, or why it was
-/// dropped.
-class ScanLog {
- public:
-  explicit ScanLog(const std::string& path) : path_(path) {
-    if (path.empty()) return;
-    out_.open(path, std::ios::trunc);
-    out_ << "# stamp_ns outcome waited_ms latency_ms changed_points\n" << std::flush;
-    check();
-  }
-  void taken(const LiveStep& step) {
-    if (path_.empty()) return;
-    char text[160];
-    std::snprintf(text, sizeof text, "%lld %s %.3f %.3f %zu\n", static_cast<long long>(step.stamp_ns),
-                  step.late ? "late" : "taken", step.waited_ms, step.latency_ms, step.changed.size());
-    out_ << text << std::flush;
-    check();
-  }
-  void dropped(const std::vector<DroppedScan>& scans) {
-    if (path_.empty()) return;
-    for (const DroppedScan& scan : scans) out_ << scan.stamp_ns << " " << name(scan.reason) << "\n";
-    listed_ += scans.size();
-    out_ << std::flush;
-    check();
-  }
-  /// @param dropped  scans in all: in a flood, more may come at once than a session remembers
-  void finish(std::uint64_t dropped) {
-    if (path_.empty() || dropped == listed_) return;
-    out_ << "# " << dropped - listed_ << " more were dropped; report.json counts them by reason\n" << std::flush;
-    check();
-  }
-
- private:
-  void check() const {
-    if (!out_) throw OutputError("output.write", path_, "cannot be written", "Check the folder and free space");
-  }
-  std::string path_;
-  std::ofstream out_;
-  std::uint64_t listed_ = 0;  ///< of the dropped scans
-};
-
 /// One run. Its report is always complete, so that it can be written whatever happens.
 class LiveRun {
  public:
@@ -100,25 +63,27 @@ class LiveRun {
 
  private:
   void claimOutputFolder();
-  void setParameters(const FieldParams& params);
+  void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
   void receive(LiveSession& session, dds::Participant& participant, ScanLog& log);
   void takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log);
+  static dds::OutgoingFrame outgoing(const LiveSession& session);
   void note(const LiveStep& step);
   void publishPoints(const LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
-  void warnOfNoneTaken(const LiveStatus& status);
-  void say(const LiveSession& session, const dds::Participant& participant);
+  void obey(LiveSession& session, dds::Participant& participant);
+  [[nodiscard]] std::string carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant);
+  void writeFiles(const LiveSession& session);
   void finish(const LiveSession& session);
 
   const LiveRunOptions& options_;
   Messages& messages_;
+  LiveWords words_{options_, messages_};
+  LiveCommands commands_;
+  Checkpoints checkpoints_{options_.map, messages_};
   RunReport report_;
+  Eigen::AlignedBox3d surface_W_;
   bool refused_ = false;  // existing outputs must stay
-  bool said_full_ = false, said_many_ = false, said_disagree_ = false;
-  // To see when no scan is taken any more: what was dropped when the last one was, and when looked at last.
-  std::uint64_t taken_before_ = 0, times_dropped_ = 0;
-  std::array<std::uint64_t, kNumScanDrops> dropped_before_ = {}, dropped_last_ = {};
-  std::array<bool, kNumScanDrops> said_dropped_ = {};
+  bool said_many_ = false, said_disagree_ = false;
   std::int64_t last_stamp_ns_ = 0;
   std::uint64_t sent_after_scans_ = 0, sent_to_ = 0;  // of the last message with all points
   Clock::time_point start_ = Clock::now();
@@ -140,7 +105,7 @@ void LiveRun::claimOutputFolder() {
   io::prepareOutputFolder(out);
 }
 
-void LiveRun::setParameters(const FieldParams& params) {
+void LiveRun::setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools) {
   const MapOptions& map = options_.map;
   report_.parameters = {{"cloud", options_.cloud},
                         {"odom", options_.odom},
@@ -148,15 +113,16 @@ void LiveRun::setParameters(const FieldParams& params) {
                         {"network", options_.network ? "true" : "false"},
                         {"queue", std::to_string(options_.queue)},
                         {"max_message", options_.max_message},
-                        {"tool", map.tool.tool},
-                        {"tool_unit", map.tool.unit},
-                        {"tool_tip", map.tool.tip},
-                        {"tool_axis", map.tool.axis},
-                        {"tool_up", map.tool.up},
+                        {"tool", valuesInWords(map.tool.tool)},
+                        {"tool_unit", valuesInWords(map.tool.unit)},
+                        {"tool_tip", valuesInWords(map.tool.tip)},
+                        {"tool_axis", valuesInWords(map.tool.axis)},
+                        {"tool_up", valuesInWords(map.tool.up)},
                         {"profile", map.profile},
-                        {"update_every", "1"}};
+                        {"update_every", std::to_string(map.update_every)}};
+  if (!options_.imu.empty()) report_.parameters.emplace_back("imu", options_.imu);
   for (const auto& given : givenSensorOptions(map.sensor)) report_.parameters.push_back(given);
-  std::istringstream lines(params.describe());
+  std::istringstream lines(tools.size() > 1 ? describeTools(tools, params) : params.describe());
   for (std::string line; std::getline(lines, line);) {
     const auto space = line.find(' ');
     if (space != std::string::npos) report_.parameters.emplace_back(line.substr(0, space), line.substr(space + 1));
@@ -176,14 +142,18 @@ void LiveRun::note(const LiveStep& step) {
   last_stamp_ns_ = step.stamp_ns;
 }
 
+/// Points go out in the frame of the odometry, whatever was turned level here.
+dds::OutgoingFrame LiveRun::outgoing(const LiveSession& session) {
+  return {session.status().world_frame, session.levelling(), session.field().tools().size() > 1};
+}
+
 /// One scan at a time: in a flood there is always another, and status, points and words must come all the same.
 void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log) {
   if (const auto step = session.step()) {
     note(*step);
     log.taken(*step);
     if (!step->changed.empty() && participant.subscribers(dds::Output::Changes) > 0) {
-      participant.publish(dds::Output::Changes,
-                          dds::cloudMessage(step->changed, step->stamp_ns, session.status().world_frame));
+      participant.publish(dds::Output::Changes, dds::cloudMessage(step->changed, step->stamp_ns, outgoing(session)));
     }
   }
   log.dropped(session.takeDropped());
@@ -204,74 +174,80 @@ void LiveRun::publishPoints(const LiveSession& session, dds::Participant& partic
     }
     return;
   }
-  participant.publish(dds::Output::Points, dds::cloudMessage(*points, last_stamp_ns_, session.status().world_frame));
+  participant.publish(dds::Output::Points, dds::cloudMessage(*points, last_stamp_ns_, outgoing(session)));
   sent_after_scans_ = report_.scans;
 }
 
 void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
-  const dds::TopicState clouds = participant.clouds(), poses = participant.poses();
-  report_.live = LiveReport{session.status(), clouds.malformed + poses.malformed, clouds.lost + poses.lost};
+  report_.live = LiveReport{session.status()};
+  report_.live->commands = commands_.report();
+  for (int n = 0; n < dds::kNumInputs; ++n) {
+    const dds::TopicState state = participant.state(static_cast<dds::Input>(n));
+    report_.live->malformed += state.malformed;
+    report_.live->lost += state.lost;
+  }
   participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
   report_.agreement = session.agreement();
   if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
     messages_.warning("poses.disagree", *warning);
-  warnOfNoneTaken(report_.live->status);
-  if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
-    messages_.warning("live.memory_full", "map and points take " +
-                                              bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +
-                                              ", the limit: the map no longer grows, and what it has no place for "
-                                              "blocks; what it has is still updated");
-  }
+  words_.tell(report_.live->status);
 }
 
-/// Clocks that jump, or differ: scans go on to come, and not one of them is taken. Many at once is not that: they have
-/// waited for the first poses.
-void LiveRun::warnOfNoneTaken(const LiveStatus& status) {
-  constexpr std::uint64_t kMany = 20, kTimes = 3;
-  if (status.taken != taken_before_) {
-    taken_before_ = status.taken;
-    dropped_before_ = dropped_last_ = status.dropped;
-    times_dropped_ = 0;
-    return;
+/// One after the other, each answered at once.
+void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
+  while (const auto command = commands_.next()) {
+    try {
+      commands_.answer(*command, true, carryOut(*command, session, participant));
+    } catch (const Error& error) {
+      if (error.code() == ErrorCode::Device || error.code() == ErrorCode::Internal) throw;
+      commands_.answer(*command, false, error.what());
+    }
+    publishStatus(session, participant);
   }
-  times_dropped_ += status.dropped != dropped_last_ ? 1 : 0;
-  dropped_last_ = status.dropped;
-  if (times_dropped_ < kTimes) return;
-  const auto many = [&](ScanDrop reason) {
-    const auto n = static_cast<std::size_t>(reason);
-    return status.dropped[n] - dropped_before_[n] >= kMany && !std::exchange(said_dropped_[n], true);
+  if (commands_.takeNews()) publishStatus(session, participant);
+}
+
+/// @return what was done, in words  @throws Error for what could not be done; nothing has changed then
+std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant) {
+  const auto refuse = [](const std::string& why) { throw UnusableInput("live.command", "this command", why, ""); };
+  const auto showPoints = [&](const std::vector<SurfacePoint>& changed) {
+    if (!changed.empty() && participant.subscribers(dds::Output::Changes) > 0)
+      participant.publish(dds::Output::Changes, dds::cloudMessage(changed, last_stamp_ns_, outgoing(session)));
+    sent_to_ = 0;  // all points are sent again
   };
-  if (many(ScanDrop::OutOfOrder)) {
-    messages_.warning("live.clock", "no scan of " + options_.cloud +
-                                        " is taken any more: their times are not later than that of one before, so "
-                                        "the sender's clock has jumped back. Start this run again once it is right");
+  switch (command.kind) {
+    case LiveCommandKind::Save:
+      if (session.field().points()->size() == 0) refuse("cannot be done: there is nothing to save");
+      writeFiles(session);
+      writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
+      return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out;
+    case LiveCommandKind::Checkpoint: {
+      if (options_.map.checkpoint.empty()) refuse("cannot be done: the program was started without --checkpoint");
+      RunProgress progress;
+      progress.next_step = progress.steps = report_.scans;
+      progress.points_in = report_.points_in;
+      progress.points_used = report_.points_used;
+      if (!checkpoints_.write(session.field(), progress)) refuse("could not be done: the checkpoint cannot be written");
+      return "checkpoint after " + std::to_string(report_.scans) + " scans in " + options_.map.checkpoint;
+    }
+    case LiveCommandKind::Reset:
+      session.reset();
+      checkpoints_.noteChange();
+      showPoints({});
+      return "the map is empty";
+    case LiveCommandKind::Remove: {
+      const LiveRemoval removal = session.removeRegion(Region::box(command.min_W, command.max_W), command.removed_as);
+      checkpoints_.noteChange();
+      showPoints(removal.changed);
+      return "removed " + std::to_string(removal.removal.voxels) + " voxels and " +
+             std::to_string(removal.removal.points) + " points as " + name(removal.removal.as);
+    }
+    case LiveCommandKind::Pause:
+    case LiveCommandKind::Resume:
+      session.pause(command.kind == LiveCommandKind::Pause);
+      return command.kind == LiveCommandKind::Pause ? "scans are dropped until resume" : "scans are taken";
   }
-  if (many(ScanDrop::NoPose)) {
-    messages_.warning("live.no_pose", "no scan of " + options_.cloud + " is taken: " + options_.odom +
-                                          " has no poses around their times. Set the clocks of both senders alike, or "
-                                          "give --max-gap the time between two poses");
-  }
-}
-
-/// One line about how it goes, not kept for the report.
-void LiveRun::say(const LiveSession& session, const dds::Participant& participant) {
-  const LiveStatus status = session.status();
-  const dds::TopicState clouds = participant.clouds(), poses = participant.poses();
-  std::string text = std::to_string(status.taken) + " of " + std::to_string(status.published) + " scans taken, " +
-                     std::to_string(status.allDropped()) + " dropped, " + std::to_string(status.surface_points) +
-                     " points, latency " + numberText(std::round(status.latency_p50_ms)) + " ms, p99 " +
-                     numberText(std::round(status.latency_p99_ms)) + " ms";
-  if (clouds.senders == 0) text += "; nobody publishes " + options_.cloud;
-  if (poses.senders == 0) text += "; nobody publishes " + options_.odom;
-  if (clouds.senders > 0 && clouds.received == 0 && poses.received > 0)
-    text += "; nothing of " + options_.cloud + " arrives: are its messages larger than --max-message " +
-            options_.max_message + "?";
-  for (const auto& [topic, state] : {std::pair{options_.cloud, clouds}, std::pair{options_.odom, poses}}) {
-    if (state.malformed == 0) continue;
-    text += "; " + topic + ": " + std::to_string(state.malformed) + " unusable messages, the last " +
-            state.last_problem.substr(0, 200);
-  }
-  messages_.progress(text);
+  return "";
 }
 
 void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanLog& log) {
@@ -285,11 +261,12 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
     for (const std::string& notice : participant.poll()) messages_.notice(notice);
     session.waitForWork(std::chrono::milliseconds(50));
     takeNext(session, participant, log);
+    obey(session, participant);
     if (options_.points_every_s > 0 && due(points_at, options_.points_every_s)) publishPoints(session, participant);
     if (due(status_at, options_.status_every_s)) publishStatus(session, participant);
     if (Clock::now() - words_at < kWordsEvery) continue;
     words_at = Clock::now();
-    say(session, participant);
+    words_.sayProgress(session.status(), participant);
   }
   // What has arrived is still taken: a few scans.
   participant.stopReceiving();
@@ -300,26 +277,37 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
       log.taken(*step);
     }
   }
+  static_cast<void>(session.step());  // scores what --update-every left
   log.dropped(session.takeDropped());
   log.finish(session.status().allDropped());
   publishStatus(session, participant);
 }
 
-void LiveRun::finish(const LiveSession& session) {
+/// Field, points and picture; what was counted goes into the report.
+void LiveRun::writeFiles(const LiveSession& session) {
   const MapOptions& map = options_.map;
   const fs::path out = map.out;
   const AccessibilityField& field = session.field();
   const auto points = field.points();
-  RunFacts facts{report_, SceneStatistics(), countPoints(report_, field.memoryUse(), *points), field.origin_W(),
-                 points->voxel_size_m()};
+  report_.outputs = {};  // of an earlier save
+  surface_W_ = countPoints(report_, field.memoryUse(), *points);
   writeField(field, out, writeOptions(map.exported));
   addOutputs(report_.outputs, out, fieldFilesOf(map.exported));
   io::renderField(out / "preview.png", *points, renderOptions(map.picture));
   addOutputs(report_.outputs, out, {"preview.png"});
+}
+
+void LiveRun::finish(const LiveSession& session) {
+  const MapOptions& map = options_.map;
+  const AccessibilityField& field = session.field();
+  writeFiles(session);
+  const RunFacts facts{report_, SceneStatistics(), surface_W_, field.origin_W(), field.params().tsdf.voxel_size_m};
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   messages_.notice(agreementInWords(session.agreement()));
-  messages_.notice(toolInWords(field.tool(), map.tool));
-  messages_.notice("wrote field.vdb, field_points.vdb, points.ply, preview.png and report.json into " + out.string());
+  for (const std::string& line : toolsInWords(map, field.tools())) messages_.notice(line);
+  for (const ReportedTool& tool : report_.tools)
+    messages_.notice("tool " + tool.name + " reaches " + std::to_string(tool.accessible) + " points");
+  messages_.notice("wrote field.vdb, field_points.vdb, points.ply, preview.png and report.json into " + map.out);
 }
 
 int LiveRun::run() {
@@ -327,39 +315,47 @@ int LiveRun::run() {
   FieldParams params = fieldParams(options_.map);
   setParameters(params);
   claimOutputFolder();
+  checkpoints_.prepare();
   watchStopSignals();
-  const ToolGeometry tool = loadTool(options_.map.tool);
-  params.approach.rolls = rollsOf(tool, params.approach);
-  setParameters(params);
-  for (const std::string& path : {options_.map.tool.tool, options_.map.common.config}) {
+  const std::vector<ToolSpec> tools = loadTools(options_.map);
+  params.approach.rolls = rollsOf(tools.front().tool, params.approach);
+  setParameters(params, tools);
+  std::vector<std::string> inputs = valuesOf(options_.map.tool.tool);
+  inputs.push_back(options_.map.common.config);
+  for (const std::string& path : inputs)
     if (io::isFile(path)) report_.inputs.push_back({path, io::sha256OfFile(path)});
-  }
-  sayToolNotes(tool, messages_);
-  requireClosedTools(options_.map, onlyTool(tool, params));
+  sayToolsNotes(options_.map, tools, messages_);
+  requireClosedTools(options_.map, tools);
   sayChangeNotes(params, messages_);
+  report_.tools = reportedTools(options_.map, tools);
   ScanLog log(options_.scan_log);
-  LiveSession session(tool, params, sessionOptions(options_));
-  requireShownTools(options_.map, session.field().tools(), session.field().params(), session.field().toolShareHidden(),
-                    messages_);
+  LiveSession session(tools, params, sessionOptions(options_), tableProgress(messages_));
+  requireShownTools(options_.map, tools, session.field().params(), session.field().toolShareHidden(), messages_);
+  for (std::size_t k = 0; k < report_.tools.size(); ++k)
+    report_.tools[k].collision_limit = session.field().collisionLimit(k);
   report_.device = session.field().deviceName();
   report_.device_note_id = session.field().deviceNoteId();
   report_.device_note = session.field().deviceNote();
   sayWhyNotOnGpu(session.field(), messages_);
   {
     const dds::ParticipantOptions domain = participantOptions(options_);
-    dds::Participant participant(domain, {[&](LiveScan scan) { session.addScan(std::move(scan)); },
-                                          [&](const LivePose& pose) { session.addPose(pose); }});
+    dds::Participant participant(
+        domain,
+        {[&](LiveScan scan) { session.addScan(std::move(scan)); }, [&](const LivePose& pose) { session.addPose(pose); },
+         [&](const LiveTransform& transform) { session.addTransform(transform); },
+         [&](const LiveImu& imu) { session.addImu(imu); }, [&](const std::string& text) { commands_.receive(text); }});
     messages_.notice("live on domain " + std::to_string(domain.domain) +
                      (domain.network ? ", all network interfaces" : ", this machine only (--network opens it)") +
-                     ", waiting for " + options_.cloud + " and " + options_.odom);
+                     ", waiting for " + options_.cloud + " and " + options_.odom +
+                     (options_.imu.empty() ? "" : ", and turned level by what " + options_.imu + " feels at rest"));
     receive(session, participant, log);
   }
   const int signal = stopSignal();
   messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
                    numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(report_.scans) + " of " +
                    std::to_string(report_.live->status.published) + " scans taken" +
-                   (report_.points_used > 0 ? "" : "; nothing to save"));
-  if (report_.points_used > 0) finish(session);
+                   (session.field().points()->size() > 0 ? "" : "; nothing to save"));
+  if (session.field().points()->size() > 0) finish(session);
   report_.exit_code = 128 + signal;
   writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
   return report_.exit_code;

@@ -1,0 +1,102 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A field of any extent in bounded memory, which forgets nothing: tiles come and go as the sensor moves.
+///
+/// A tile is a field of its own (FieldParams::window) with the returns around its core. Past the memory limit, the tile
+/// that was touched longest ago is saved into a folder and dropped; when the sensor comes back, it goes on from there.
+/// After every update, labels, and score and direction of accessible points, are those of one field without a limit,
+/// bit for bit; so are the ids of points. Where not even the tiles that one scan touches fit together, the farthest are
+/// left out (RollingStatus::memory_short): their returns block, so the accessible points are among those of that field.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/export.h"
+#include "accessvdb/params.h"
+#include "accessvdb/table_progress.h"
+#include "accessvdb/tool_spec.h"
+#include "accessvdb/types.h"
+#include "accessvdb/write_options.h"
+
+namespace accessvdb {
+
+struct RollingOptions {
+  /// Where tiles go that leave memory. It may not exist yet, or be empty.
+  std::filesystem::path folder;
+  /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there. 0 = no limit
+  std::uint64_t memory_limit_bytes = 0;
+  std::uint64_t device_limit_bytes = 0;  ///< of what lies on a GPU. 0 = no limit
+  /// Edge of a tile: FieldWindow::kEdge times a power of two, at least twice the margin that the tool needs. 0 = rule:
+  /// from that margin and max_range_m, so that few returns are kept twice and little is held that no scan reaches.
+  std::int32_t tile_voxels = 0;
+};
+
+struct RollingStatus {
+  std::uint64_t steps = 0;   ///< scans
+  std::uint64_t points = 0;  ///< of all tiles
+  std::int32_t tile_voxels = 0, margin_voxels = 0;
+  std::uint64_t tiles = 0, tiles_in_memory = 0;
+  std::uint64_t saved = 0, loaded = 0;               ///< how often a tile left, and came back
+  std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< of the tiles in memory
+  /// In the last step: not all tiles that the scan touched fitted. What was left out blocks, for good.
+  bool memory_short = false;
+  double fitting_range_m = 0;  ///< then: the range within which all tiles fitted
+  std::uint64_t left_out_returns = 0;
+  std::vector<std::string> lost_tiles;  ///< whose saved state was damaged: all their points are unscored, for good
+};
+
+/// For one thread at a time, as a field. After a step that failed half-way it answers nothing any more.
+class ACCESSVDB_API RollingField {
+ public:
+  /// @throws InvalidArgument "rolling.params" (a window, a budget, the paper's policy, projective fusion or
+  ///         ChangeMode::Full), "rolling.tile"; OutputError "output.foreign" for a folder with something in it; what
+  ///         AccessibilityField's constructor throws
+  RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
+               const TableProgress& progress = {});
+  ~RollingField();
+  RollingField(RollingField&&) noexcept;
+  RollingField& operator=(RollingField&&) noexcept;
+
+  /// Goes on after the last checkpoint() of a field with the same tools and parameters in this folder. What came after
+  /// it is not there; all that follows has the labels that it would have had.
+  /// @throws InputError "rolling.missing" (there is none), "rolling.damaged"; UnusableInput "rolling.changed"
+  [[nodiscard]] static RollingField resume(std::vector<ToolSpec> tools, const FieldParams& params,
+                                           RollingOptions options, const TableProgress& progress = {});
+  /// Saves what changed since the last one, whole or not at all. The tiles in memory stay there. @throws OutputError
+  void checkpoint();
+
+  /// As AccessibilityField's. @throws also OutputError where a tile cannot be saved: then nothing has changed
+  FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
+                           std::optional<double> stamp_s = {});
+  FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
+                           std::optional<double> stamp_s = {});
+  /// Scores what changed since the last update().
+  UpdateStats update();
+
+  /// All points, tile by tile; in a tile by their ids. Tiles are loaded for it one at a time.
+  void forEachTile(const std::function<void(std::span<const SurfacePoint> points)>& take);
+  /// The same at once, by ids.
+  [[nodiscard]] FieldSnapshot snapshot();
+  [[nodiscard]] RollingStatus status() const;
+  [[nodiscard]] const FieldParams& params() const;  ///< resolved, for the first tool
+  [[nodiscard]] Eigen::Vector3d origin_W() const;   ///< of the local frame; set by the first scan
+
+  /// Updates, and makes a folder like that of `map --tiles`: tiles/NAME/, plan.json and field.json, for
+  /// tiles::mergePoints() and whatever reads such a folder. @throws OutputError "output.foreign"
+  void write(const std::filesystem::path& out, const io::WriteOptions& files = {});
+
+ private:
+  RollingField();
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace accessvdb

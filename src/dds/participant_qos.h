@@ -1,0 +1,16 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// How programs of this project join a domain.
+#pragma once
+
+#include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
+
+namespace accessvdb::dds {
+
+/// The most participants that are remembered.
+inline constexpr int kMostParticipants = 64;
+
+/// @param network  all interfaces with multicast, else UDP on 127.0.0.1 alone
+[[nodiscard]] eprosima::fastdds::dds::DomainParticipantQos participantQos(const char* name, bool network);
+
+}  // namespace accessvdb::dds

@@ -1,0 +1,511 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "accessvdb/rolling_field.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
+#include "accessvdb/surface_points.h"
+#include "accessvdb/tiles.h"
+#include "accessvdb/tool_tables.h"
+#include "field/field_access.h"
+#include "field/field_clock.h"
+#include "field/scan_gate.h"
+#include "launch/stopwatch.h"
+#include "points/point_store.h"
+#include "tiles/rolling_tiles.h"
+#include "tiles/step_sorter.h"
+#include "tiles/tile_files.h"
+#include "tiles/tile_writer.h"
+
+namespace accessvdb {
+namespace {
+
+namespace fs = std::filesystem;
+using internal::FieldAccess;
+using tiles::RollingTile;
+using tiles::TileIndex;
+
+constexpr std::int32_t kLargestTile_voxels = 1 << 16;
+constexpr const char* kManifest = "rolling.json";
+
+/// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of
+/// tiles with edge e, the ones that a scan of range R touches hold about (2 R + e)^2 (1 + 2 m / e)^2, least at
+/// e = 2 sqrt(m R).
+std::int32_t edgeByRule(const tiles::TileMargins& margins, const FieldParams& params) {
+  constexpr double kUsualRange_m = 30;
+  const double range_m = std::min(params.tsdf.max_range_m, kUsualRange_m);
+  const double wanted = 2 * std::sqrt(margins.returns_voxels * range_m / params.tsdf.voxel_size_m);
+  std::int32_t edge = margins.least_tile_voxels;
+  while (edge < wanted && edge < kLargestTile_voxels) edge *= 2;
+  return edge;
+}
+
+void requireRolling(const FieldParams& params, const RollingOptions& options, const tiles::TileMargins& margins) {
+  const auto refuse = [](const std::string& problem, const std::string& advice) {
+    throw InvalidArgument("rolling.params", "params", problem, advice);
+  };
+  if (params.window) refuse("have a window, but a rolling field makes its own tiles", "Leave it out");
+  if (!params.carry.empty()) refuse("carry attributes", "Leave them out, or use map --tiles");
+  if (params.update.budget_points > 0) refuse("have a budget, which is shared among all points", "Leave it out");
+  if (params.update.policy == UpdatePolicy::Paper) refuse("have the paper's policy", "Use UpdatePolicy::Exact");
+  if (params.tsdf.region == UpdateRegion::Projective) refuse("have projective fusion", "Use another UpdateRegion");
+  if (params.change.mode == ChangeMode::Full) {
+    refuse("have ChangeMode::Full, whose rays reach beyond a tile", "Use ChangeMode::Block");
+  }
+  const std::int32_t edge = options.tile_voxels;
+  const bool power = edge >= FieldWindow::kEdge && (edge & (edge - 1)) == 0 && edge <= kLargestTile_voxels;
+  if (edge != 0 && (!power || edge < margins.least_tile_voxels)) {
+    throw InvalidArgument("rolling.tile", "tile_voxels",
+                          "must be a power of two from " + std::to_string(margins.least_tile_voxels) + " to " +
+                              std::to_string(kLargestTile_voxels) + " with this tool",
+                          "Leave it at 0 for the rule");
+  }
+}
+
+/// Nothing of the user's lies where tiles are written and deleted.
+void requireEmpty(const fs::path& folder) {
+  if (!io::isThere(folder, ErrorCode::Output)) return;
+  if (fs::is_directory(folder) && fs::is_empty(folder)) return;
+  throw OutputError("output.foreign", folder.string(), "is not an empty folder", "Choose another one");
+}
+
+void add(const FrameStats& of_tile, FrameStats& stats) {
+  stats.touched_leaves += of_tile.touched_leaves;
+  stats.new_leaves += of_tile.new_leaves;
+  stats.distance_updates += of_tile.distance_updates;
+  stats.cleared_updates += of_tile.cleared_updates;
+  stats.mirror_ms += of_tile.mirror_ms;
+  stats.changed_leaves += of_tile.changed_leaves;
+  stats.mirror_bytes += of_tile.mirror_bytes;
+  stats.flipped_voxels += of_tile.flipped_voxels;
+}
+
+void add(const UpdateStats& of_tile, UpdateStats& stats) {
+  stats.dirty_points += of_tile.dirty_points;
+  stats.scored_points += of_tile.scored_points;
+  stats.direction_tests += of_tile.direction_tests;
+  stats.backlog += of_tile.backlog;
+  stats.label_changes += of_tile.label_changes;
+  stats.update_ms += of_tile.update_ms;
+  stats.score_ms += of_tile.score_ms;
+  stats.moved_points += of_tile.moved_points;
+}
+
+}  // namespace
+
+struct RollingField::Impl {
+  /// @param resumed  whether the folder is that of an earlier field
+  Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
+       const TableProgress& progress, bool resumed)
+      : tools(namedTools(std::move(given_tools))),
+        params(toolParams(tools.front(), given).resolved()),
+        options(std::move(given_options)),
+        margins(tiles::tileMargins(tools, given, progress)),
+        tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : edgeByRule(margins, params)),
+        gate(params.tsdf, given.origin_W),
+        sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
+        tiles(tools, given, options.folder, {options.memory_limit_bytes, options.device_limit_bytes}, tile_voxels) {
+    requireRolling(params, options, margins);
+    if (!resumed) requireEmpty(options.folder);
+    io::prepareOutputFolder(options.folder);
+    if (given.origin_W) tiles.setOrigin(*given.origin_W);
+  }
+
+  /// A step that fails half-way leaves tiles that do not agree.
+  template <typename Step>
+  auto run(const Step& step) {
+    requireWhole();
+    whole = false;
+    auto result = step();
+    whole = true;
+    return result;
+  }
+  void requireWhole() const {
+    if (whole) return;
+    throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field can no longer answer",
+                        "Start a new field");
+  }
+
+  /// The tiles that a scan touches, nearest first; null for those that do not fit.
+  using Touched = std::vector<std::pair<TileIndex, RollingTile*>>;
+  /// Before anything changes: tiles leave and come.
+  Touched prepare(const internal::GatedScan& scan) {
+    requireWhole();
+    const Eigen::Vector3d& origin_W = gate.origin_W();
+    if (gate.hasOrigin()) tiles.setOrigin({origin_W.x(), origin_W.y(), origin_W.z()});
+    tiles.noteGrowth(std::exchange(growth, {}));
+    const tiles::MapTime now = {clock.latest_s(), age_s};
+    const std::vector<TileIndex> ids = nearestFirst(scan);
+    if (!ids.empty()) nearest = ids.front();
+    Touched touched;
+    for (const TileIndex& id : ids) touched.emplace_back(id, tileFor(id, first_ids.size(), now));
+    return touched;
+  }
+
+  /// @param stamp_s  not finite: none
+  void take(const internal::GatedScan& scan, const Touched& touched, double stamp_s, FrameStats& stats) {
+    const Moment moment = {first_ids.size(), stamp_s};
+    first_ids.push_back(points);
+    clock.note(stamp_s);
+    stamps_s.push_back(stamp_s);
+    memory_short = false;
+    std::vector<Fresh> fresh;
+    for (const auto& [id, tile] : touched) {
+      const tiles::StepSorter::Returns returns = sorter.returnsOf(id, scan);
+      if (tile != nullptr) {
+        fuse(id, *tile, returns, moment, fresh, stats);
+      } else {
+        tiles.leaveOut(id, returns.p_L);
+        noteShort(id, scan);
+        stats.left_out_returns += returns.p_L.size();
+      }
+    }
+    name(fresh);
+    left_out_returns += stats.left_out_returns;
+    stats.surface_points = points;
+  }
+
+  template <typename Gate>
+  FrameStats integrate(const Gate& gated, std::optional<double> stamp_s) {
+    const kernels::Stopwatch all;
+    FrameStats stats;
+    requireWhole();
+    const internal::GatedScan& scan = gated(stats);
+    const Touched touched = prepare(scan);
+    return run([&] {
+      take(scan, touched, stamp_s.value_or(std::numeric_limits<double>::quiet_NaN()), stats);
+      stats.integrate_ms = all.milliseconds() - stats.mirror_ms;
+      return stats;
+    });
+  }
+
+  /// In memory and, if there is room, growing; null if there is no room for it at all.
+  /// The nearest one always is in memory, so that the map is never blind.
+  RollingTile* tileFor(const TileIndex& id, std::uint64_t step, const tiles::MapTime& now) {
+    const bool room = tiles.makeRoomFor(id, step);
+    RollingTile* tile = tiles.inMemory(id);
+    if (tile == nullptr && !room && id != nearest) return nullptr;
+    if (tile != nullptr && room && !tile->field.grows()) {
+      tile = &tiles.growAgain(id, now);
+    } else {
+      if (tile != nullptr && !room && tile->field.grows()) tile->field.stopGrowing();
+      tile = &tiles.at(id, now);
+    }
+    tile->touched = step;  // it stays, whatever the others need
+    return tile;
+  }
+
+  struct Moment {
+    std::uint64_t step;
+    double stamp_s;
+  };
+  /// A point of a core that the step brought.
+  struct Fresh {
+    std::uint64_t place;
+    RollingTile* tile;
+    std::uint32_t id;
+  };
+  void fuse(const TileIndex& id, RollingTile& tile, const tiles::StepSorter::Returns& returns, const Moment& moment,
+            std::vector<Fresh>& fresh, FrameStats& stats) {
+    const internal::PointStore& store = FieldAccess::points(tile.field);
+    const FrameStats of_tile = FieldAccess::integrateLocal(tile.field, returns.p_L, returns.q_L, moment.stamp_s);
+    add(of_tile, stats);
+    stats.left_out_returns += of_tile.left_out_returns;
+    tile.returns += of_tile.points_used;
+    tile.behind = true;
+    tile.as_saved.reset();
+    const internal::VoxelColumnBox core = internal::coreOf(tiles::TileId{id.first, id.second, {}}.window(tile_voxels));
+    for (auto point = static_cast<std::uint32_t>(tile.ids.size()); point < store.size(); ++point) {
+      const internal::Index3 voxel = store.voxelOf(store.first_L(point));
+      tile.ids.push_back(RollingTile::kNotOurs);
+      if (core.contains(voxel)) fresh.push_back({internal::placeOf(voxel), &tile, point});
+    }
+    measure(tile);
+  }
+  void measure(RollingTile& tile) {
+    const tiles::TileBytes before = tile.bytes;
+    tile.measure();
+    growth.memory += tile.bytes.memory - std::min(tile.bytes.memory, before.memory);
+    growth.device += tile.bytes.device - std::min(tile.bytes.device, before.device);
+  }
+
+  /// As in one piece: by the places of their voxels.
+  void name(std::vector<Fresh>& fresh) {
+    std::sort(fresh.begin(), fresh.end(), [](const Fresh& a, const Fresh& b) { return a.place < b.place; });
+    for (const Fresh& point : fresh) point.tile->ids[point.id] = points++;
+  }
+
+  [[nodiscard]] double distance_m(const TileIndex& id, const Eigen::Vector3f& q_L) const {
+    const FieldWindow window = tiles::TileId{id.first, id.second, {}}.window(tile_voxels);
+    double square = 0;
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      const double v = params.tsdf.voxel_size_m, x = q_L[static_cast<Eigen::Index>(axis)];
+      const double outside = std::max({window.core_low[axis] * v - x, x - window.core_high[axis] * v, 0.0});
+      square += outside * outside;
+    }
+    return std::sqrt(square);
+  }
+  std::vector<TileIndex> nearestFirst(const internal::GatedScan& scan) {
+    if (scan.p_L.empty()) return {};
+    const std::span<const TileIndex> touched = sorter.sort(scan);
+    std::vector<std::pair<double, TileIndex>> order;
+    for (const TileIndex& id : touched) order.emplace_back(distance_m(id, scan.q_L.front()), id);
+    std::sort(order.begin(), order.end());
+    std::vector<TileIndex> ids;
+    for (const auto& [distance, id] : order) ids.push_back(id);
+    return ids;
+  }
+  void noteShort(const TileIndex& id, const internal::GatedScan& scan) {
+    const double margin_m = margins.returns_voxels * params.tsdf.voxel_size_m;
+    const double range_m = std::max(distance_m(id, scan.q_L.front()) - margin_m, 0.0);
+    fitting_range_m = memory_short ? std::min(fitting_range_m, range_m) : range_m;
+    memory_short = true;
+  }
+
+  /// @return points of the core with their ids in the larger map
+  static std::vector<SurfacePoint> pointsOf(const RollingTile& tile) {
+    const auto listed = tile.field.points();
+    std::vector<SurfacePoint> points;
+    points.reserve(listed->size());
+    for (std::size_t n = 0; n < listed->size(); ++n) {
+      points.push_back(listed->at(n));
+      points.back().id = tile.ids[points.back().id];
+    }
+    return points;
+  }
+
+  [[nodiscard]] tiles::Plan plan() const {
+    tiles::Plan plan;
+    plan.program = ACCESSVDB_VERSION;
+    plan.parameters = describeTools(tools, params);
+    for (const ToolSpec& tool : tools) plan.tool_name += (plan.tool_name.empty() ? "" : ", ") + tool.name;
+    if (tools.size() == 1) plan.tool_name = tools.front().tool.name();
+    plan.tool_sha256 = toolListSha256(tools);
+    const Eigen::Vector3d& origin_W = gate.origin_W();
+    plan.origin_W = {origin_W.x(), origin_W.y(), origin_W.z()};
+    plan.voxel_size_m = params.tsdf.voxel_size_m;
+    plan.tile_voxels = tile_voxels;
+    plan.margin_voxels = margins.returns_voxels;
+    tiles::Flight flight;
+    flight.options = "rolling\n";
+    for (const double stamp_s : stamps_s) flight.stamps_s.push_back(std::isfinite(stamp_s) ? stamp_s : 0);
+    plan.flights.push_back(std::move(flight));
+    return identified(std::move(plan));
+  }
+
+  /// @param saved  RollingTiles::saveAll()
+  [[nodiscard]] tiles::Json manifest(const tiles::Json& saved) const {
+    tiles::Json stamps = tiles::Json::array();
+    for (const double stamp_s : stamps_s)
+      stamps.push_back(std::isfinite(stamp_s) ? tiles::Json(stamp_s) : tiles::Json());
+    tiles::Json json = {{"schema", 1},
+                        {"program", ACCESSVDB_VERSION},
+                        {"parameters", describeTools(tools, params)},
+                        {"tool_sha256", toolListSha256(tools)},
+                        {"tile_voxels", tile_voxels},
+                        {"points", points},
+                        {"age_s", age_s},
+                        {"left_out_returns", left_out_returns},
+                        {"first_ids", first_ids},
+                        {"stamps_s", stamps},
+                        {"lost_tiles", tiles.lost()},
+                        {"tiles", saved}};
+    const Eigen::Vector3d& origin_W = gate.origin_W();
+    if (gate.hasOrigin()) json["origin_W"] = {origin_W.x(), origin_W.y(), origin_W.z()};
+    if (const auto latest_s = clock.latest_s()) json["latest_s"] = *latest_s;
+    return json;
+  }
+  void restore(const tiles::Json& json) {
+    const auto same = [&](const char* what, const std::string& value) {
+      return json.at(what).get<std::string>() == value;
+    };
+    if (!same("program", ACCESSVDB_VERSION) || !same("parameters", describeTools(tools, params)) ||
+        !same("tool_sha256", toolListSha256(tools)) || json.at("tile_voxels").get<std::int32_t>() != tile_voxels) {
+      throw UnusableInput("rolling.changed", options.folder.string(),
+                          "was made with other tools, parameters or tiles, or by another version",
+                          "Use what it was made with, or another folder");
+    }
+    json.at("points").get_to(points);
+    json.at("age_s").get_to(age_s);
+    json.at("left_out_returns").get_to(left_out_returns);
+    json.at("first_ids").get_to(first_ids);
+    for (const tiles::Json& stamp : json.at("stamps_s"))
+      stamps_s.push_back(stamp.is_null() ? std::numeric_limits<double>::quiet_NaN() : stamp.get<double>());
+    if (json.contains("latest_s")) clock = internal::FieldClock(json.at("latest_s").get<double>());
+    if (json.contains("origin_W")) {
+      const auto origin_W = json.at("origin_W").get<std::array<double, 3>>();
+      gate.restoreOrigin(Eigen::Vector3d(origin_W.data()));
+      tiles.setOrigin(origin_W);
+    }
+    tiles.restore(json.at("tiles"), json.at("lost_tiles").get<std::vector<std::string>>());
+  }
+
+  std::vector<ToolSpec> tools;
+  FieldParams params;  ///< resolved, for the first tool
+  RollingOptions options;
+  tiles::TileMargins margins;
+  std::int32_t tile_voxels;
+  internal::ScanGate gate;
+  tiles::StepSorter sorter;
+  tiles::RollingTiles tiles;
+  internal::FieldClock clock;
+  double age_s = 0;
+  std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
+  std::vector<double> stamps_s;          ///< of each step
+  TileIndex nearest = {};                ///< of those that the last step touched
+  std::uint32_t points = 0;
+  std::uint64_t left_out_returns = 0;
+  tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
+  bool memory_short = false, whole = true;
+  double fitting_range_m = 0;
+};
+
+RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
+                           const TableProgress& progress)
+    : impl_(std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, false)) {}
+RollingField::RollingField() = default;
+RollingField::~RollingField() = default;
+RollingField::RollingField(RollingField&&) noexcept = default;
+RollingField& RollingField::operator=(RollingField&&) noexcept = default;
+
+FrameStats RollingField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
+                                       std::optional<double> stamp_s) {
+  const auto gate = [&](FrameStats& stats) -> const internal::GatedScan& {
+    return impl_->gate.gate(points_S, T_W_S, stats);
+  };
+  return impl_->integrate(gate, stamp_s);
+}
+
+FrameStats RollingField::integrateRays(std::span<const Eigen::Vector3d> points_W,
+                                       std::span<const Eigen::Vector3d> origins_W, std::optional<double> stamp_s) {
+  const auto gate = [&](FrameStats& stats) -> const internal::GatedScan& {
+    return impl_->gate.gate(points_W, origins_W, stats);
+  };
+  return impl_->integrate(gate, stamp_s);
+}
+
+UpdateStats RollingField::update() {
+  const UpdateStats stats = impl_->run([&] {
+    UpdateStats all;
+    for (auto& [id, tile] : impl_->tiles.tilesInMemory()) {
+      if (!tile->behind) continue;
+      tile->as_saved.reset();
+      add(tile->field.update(), all);
+      tile->behind = false;
+      tile->updated = true;
+      impl_->measure(*tile);
+    }
+    impl_->tiles.oweUpdate();
+    return all;
+  });
+  impl_->tiles.shrink(impl_->nearest);
+  return stats;
+}
+
+void RollingField::checkpoint() {
+  impl_->requireWhole();
+  const tiles::Json saved = impl_->tiles.saveAll();
+  tiles::writeJson(impl_->options.folder / kManifest, impl_->manifest(saved));
+  impl_->tiles.keep(saved);
+}
+
+RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
+                                  const TableProgress& progress) {
+  const fs::path file = options.folder / kManifest;
+  if (!io::isThere(file)) {
+    throw InputError("rolling.missing", file.string(), "is not there",
+                     "Name the folder of an earlier run, or start without resuming");
+  }
+  RollingField field;
+  tiles::readJson(file, "rolling", [&](const tiles::Json& json) {
+    if (options.tile_voxels == 0) json.at("tile_voxels").get_to(options.tile_voxels);
+    field.impl_ = std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, true);
+    field.impl_->restore(json);
+  });
+  return field;
+}
+
+void RollingField::forEachTile(const std::function<void(std::span<const SurfacePoint> points)>& take) {
+  impl_->requireWhole();
+  const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
+  for (const TileIndex& id : impl_->tiles.all()) {
+    impl_->tiles.visit(id, now, [&](const RollingTile& tile) { take(Impl::pointsOf(tile)); });
+  }
+}
+
+FieldSnapshot RollingField::snapshot() {
+  FieldSnapshot snapshot;
+  snapshot.origin_W = origin_W();
+  snapshot.voxel_size_m = impl_->params.tsdf.voxel_size_m;
+  forEachTile([&](std::span<const SurfacePoint> points) {
+    snapshot.points.insert(snapshot.points.end(), points.begin(), points.end());
+  });
+  std::sort(snapshot.points.begin(), snapshot.points.end(),
+            [](const SurfacePoint& a, const SurfacePoint& b) { return a.id < b.id; });
+  return snapshot;
+}
+
+RollingStatus RollingField::status() const {
+  RollingStatus status;
+  status.steps = impl_->first_ids.size();
+  status.points = impl_->points;
+  status.tile_voxels = impl_->tile_voxels;
+  status.margin_voxels = impl_->margins.returns_voxels;
+  status.tiles = impl_->tiles.all().size();
+  status.tiles_in_memory = impl_->tiles.tilesInMemory().size();
+  status.saved = impl_->tiles.saved();
+  status.loaded = impl_->tiles.loaded();
+  const tiles::TileBytes use = impl_->tiles.use();
+  status.memory_bytes = use.memory;
+  status.device_bytes = use.device;
+  status.memory_short = impl_->memory_short;
+  status.fitting_range_m = impl_->memory_short ? impl_->fitting_range_m : 0;
+  status.left_out_returns = impl_->left_out_returns;
+  status.lost_tiles = impl_->tiles.lost();
+  return status;
+}
+
+const FieldParams& RollingField::params() const { return impl_->params; }
+Eigen::Vector3d RollingField::origin_W() const { return impl_->gate.origin_W(); }
+
+void RollingField::write(const fs::path& out, const io::WriteOptions& files) {
+  io::checkWriteOptions(files);
+  tiles::requireOwnFolders(out);
+  if (tiles::hasPlan(out)) {
+    throw OutputError("output.foreign", out.string(), "holds the tiles of another run", "Choose another folder");
+  }
+  update();
+  const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
+  const tiles::Plan plan = impl_->plan();
+  io::prepareOutputFolder(out);
+  tiles::writePlan(out, plan);
+  tiles::Status status;
+  for (const TileIndex& index : impl_->tiles.all()) {
+    impl_->tiles.visit(index, now, [&](const RollingTile& tile) {
+      const kernels::Stopwatch watch;
+      tiles::Tile written;
+      written.id = {index.first, index.second, {}};
+      written.returns = tile.returns;
+      tiles::AttemptFolder folder(out, written.id);
+      const auto step_of = [&](std::uint32_t id) {
+        const auto after = std::upper_bound(impl_->first_ids.begin(), impl_->first_ids.end(), tile.ids[id]);
+        return static_cast<std::uint32_t>(after - impl_->first_ids.begin()) - 1;
+      };
+      tiles::writeTileFiles(tile.field, folder.path(), files, step_of, written);
+      written.seconds = watch.milliseconds() / 1000;
+      tiles::writeTile(folder.path(), plan, written);
+      folder.putInPlace(plan, 1);
+      status.done.push_back(std::move(written));
+    });
+  }
+  tiles::writeIndex(out, plan, status);
+}
+
+}  // namespace accessvdb

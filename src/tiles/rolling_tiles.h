@@ -1,0 +1,158 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The tiles of a rolling field: which are in memory, which lie in the folder, and how they come and go.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/params.h"
+#include "accessvdb/table_progress.h"
+#include "accessvdb/tool_spec.h"
+#include "tiles/json_file.h"
+#include "tiles/ray_shard.h"
+
+namespace accessvdb::tiles {
+
+/// Where the larger map is in time.
+struct MapTime {
+  std::optional<double> latest_s;
+  double age_s = 0;  ///< internal::FreeGenerations::age_s()
+};
+
+struct TileBytes {
+  std::uint64_t memory = 0, device = 0;
+  TileBytes& operator+=(const TileBytes& more) {
+    memory += more.memory;
+    device += more.device;
+    return *this;
+  }
+};
+
+/// A tile in the folder.
+struct StoredTile {
+  /// Part of its files' names: a file is never written twice. None if the tile has only left_out_L.
+  std::optional<std::uint64_t> serial;
+  std::string ids_sha256;
+  std::uint64_t touched = 0, returns = 0;  ///< as in RollingTile
+  bool updated = false, behind = false;
+  bool owed = false;  ///< an update that others have had
+  TileBytes bytes;
+  std::vector<Eigen::Vector3f> left_out_L;  ///< since it was saved
+};
+
+/// One tile in memory.
+class RollingTile {
+ public:
+  static constexpr std::uint32_t kNotOurs = ~std::uint32_t{0};
+
+  explicit RollingTile(AccessibilityField of_tile) : field(std::move(of_tile)) {}
+  /// Measures again. Costs microseconds.
+  void measure();
+
+  AccessibilityField field;
+  std::vector<std::uint32_t> ids;  ///< in the larger map, by id in the tile; kNotOurs for points around the core
+  std::uint64_t touched = 0;       ///< the last step that brought a return
+  std::uint64_t returns = 0;
+  bool updated = false;                ///< at least once
+  bool behind = false;                 ///< a scan came after the last update
+  TileBytes bytes;                     ///< as last measured
+  std::optional<StoredTile> as_saved;  ///< its files, if nothing has changed since they were written
+};
+
+class RollingTiles {
+ public:
+  struct Limits {
+    std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< 0 = none
+  };
+  /// @param params  as the user gave them; the origin comes with the first scan
+  RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, std::filesystem::path folder,
+               const Limits& limits, std::int32_t tile_voxels);
+
+  void setOrigin(const std::array<double, 3>& origin_W) { params_.origin_W = origin_W; }
+  /// Whether the scan that is to come fits: of other tiles, those that were touched longest ago leave until it does.
+  /// @param id     a tile that the step touches  @param step  others that it touched before stay
+  bool makeRoomFor(const TileIndex& id, std::uint64_t step);
+  /// What an update took may be too much: then tiles leave, too, that the last step touched, but not this one.
+  void shrink(const TileIndex& kept);
+  /// The tile in memory; made or loaded, and brought to this time.
+  RollingTile& at(const TileIndex& id, const MapTime& now);
+  [[nodiscard]] RollingTile* inMemory(const TileIndex& id);
+  /// Returns that the tile will never get. @param p_L  in the local frame of the map
+  void leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f> p_L);
+  /// A tile in memory that stopped growing goes out and comes back, so that it grows again.
+  RollingTile& growAgain(const TileIndex& id, const MapTime& now);
+  /// Room for as much is kept in the next step. @param growth  of the tiles that the step touched
+  void noteGrowth(const TileBytes& growth);
+  [[nodiscard]] TileBytes use() const;
+
+  /// Of all tiles, in order of their ids.
+  [[nodiscard]] std::vector<TileIndex> all() const;
+  /// Hands the tile over with labels as of the last update; one that was not in memory leaves it again.
+  template <typename Take>
+  void visit(const TileIndex& id, const MapTime& now, const Take& take) {
+    if (RollingTile* tile = inMemory(id)) {
+      take(*tile);
+      return;
+    }
+    RollingTile tile = load(id, now);
+    take(tile);
+  }
+  [[nodiscard]] std::map<TileIndex, std::unique_ptr<RollingTile>>& tilesInMemory() { return in_memory_; }
+
+  /// Saves what has changed of the tiles in memory, which stay there. @return all tiles, for restore()
+  [[nodiscard]] Json saveAll();
+  /// Of a folder where another object has called saveAll(). Only while there are no tiles.
+  /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write
+  void restore(const Json& tiles, std::vector<std::string> lost);
+  /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go, and
+  /// whatever else a process that was killed has left.
+  void keep(const Json& tiles);
+
+  /// An update of all tiles is due: those in the folder get it when they are next loaded.
+  void oweUpdate();
+  [[nodiscard]] std::uint64_t saved() const { return saved_; }
+  [[nodiscard]] std::uint64_t loaded() const { return loaded_; }
+  [[nodiscard]] const std::vector<std::string>& lost() const { return lost_; }
+
+ private:
+  [[nodiscard]] AccessibilityField newField(const TileIndex& id) const;
+  [[nodiscard]] RollingTile load(const TileIndex& id, const MapTime& now);
+  [[nodiscard]] RollingTile readBack(const TileIndex& id, const StoredTile& stored);
+  /// A tile whose state is damaged: everything in it is closed.
+  [[nodiscard]] RollingTile startClosed(const TileIndex& id);
+  void save(const TileIndex& id, RollingTile& tile);
+  void removeFiles(const TileIndex& id, std::uint64_t serial) const;
+  [[nodiscard]] std::filesystem::path file(const TileIndex& id, std::uint64_t serial, const char* ending) const;
+  [[nodiscard]] bool isWithin(const TileBytes& all) const;
+  [[nodiscard]] bool fitsWith(TileBytes more) const;
+  /// The one that was touched longest ago leaves. @return false if there is none but those
+  bool letOldestGo(const std::function<bool(const TileIndex& id, const RollingTile& tile)>& stays);
+  [[nodiscard]] Eigen::Vector3d worldOf(const Eigen::Vector3f& p_L) const;
+
+  std::vector<ToolSpec> tools_;
+  FieldParams params_;
+  std::filesystem::path folder_;
+  Limits limits_;
+  std::int32_t tile_voxels_;
+  std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
+  std::map<TileIndex, StoredTile> stored_;  ///< disjoint from those in memory
+  TileBytes growth_;                        ///< that the next step may take
+  TileBytes empty_;                         ///< of a tile without returns, once one was made
+  std::set<std::uint64_t> kept_;            ///< serials that the last saveAll() named
+  std::uint64_t serial_ = 0, saved_ = 0, loaded_ = 0;
+  std::vector<std::string> lost_;
+};
+
+}  // namespace accessvdb::tiles

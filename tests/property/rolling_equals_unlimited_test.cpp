@@ -1,0 +1,479 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A rolling field against one field without a limit, on random walks that return: ids, labels, and score and direction
+/// of accessible points, after every update. ACCESSVDB_ROLLING_WORLDS=300 tries so many more.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <ostream>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/error.h"
+#include "accessvdb/rolling_field.h"
+#include "accessvdb/tiles.h"
+#include "accessvdb/tool_spec.h"
+#include "field/tools/window_margins.h"
+#include "hostdev/occupancy_query.h"
+#include "hostdev/voxel_scale.h"
+#include "state_streams.h"
+#include "support/box_tool.h"
+#include "support/determinism_support.h"
+#include "support/scratch_folder.h"
+
+namespace accessvdb::test {
+namespace {
+
+struct Case {
+  std::string name;
+  std::uint64_t seed = 1;
+  ChangeMode change = ChangeMode::Off;
+  int update_every = 1;  ///< 0: only at the end
+  int tools = 1;
+  bool ray_cloud = false;
+  double memory_share = 0.7;  ///< of what all tiles take
+};
+void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
+
+/// ACCESSVDB_ROLLING_WORLDS: so many more.
+int worlds(int otherwise) {
+  const char* given = std::getenv("ACCESSVDB_ROLLING_WORLDS");
+  return given != nullptr ? std::atoi(given) : otherwise;
+}
+
+constexpr double kVoxel_m = 0.05;
+constexpr std::int32_t kTile_voxels = 128;
+
+struct Step {
+  std::vector<Eigen::Vector3d> points_W, sensors_W;
+};
+
+/// Boards and poles along a way of 40 m that is walked there and back, with what stands near the sensor seen.
+std::vector<Step> walk(const Case& test, int steps = 40) {
+  std::mt19937_64 random(test.seed);
+  struct Board {
+    Eigen::Vector3d corner, along, up;
+  };
+  std::vector<Board> boards;
+  for (int n = 0; n < 160; ++n) {
+    const double heading = uniform(random, 0, 6.28), length = uniform(random, 0.1, 1.2);
+    boards.push_back({{uniform(random, -20, 20), uniform(random, -3, 3), uniform(random, -1, 0.5)},
+                      {length * std::cos(heading), length * std::sin(heading), 0},
+                      {uniform(random, -0.1, 0.1), uniform(random, -0.1, 0.1), uniform(random, 0.2, 1.5)}});
+  }
+  std::vector<Step> walk;
+  for (int s = 0; s < steps; ++s) {
+    Step& step = walk.emplace_back();
+    const double at = 2.0 * s / steps, x = at <= 1 ? 40 * at - 20 : 60 - 40 * at;
+    const Eigen::Vector3d sensor_W(x, uniform(random, -1, 1), uniform(random, 0, 1));
+    std::vector<Board> near;
+    for (const Board& board : boards)
+      if ((board.corner - sensor_W).norm() < 4) near.push_back(board);
+    if (s % 11 == 7) near.clear();  // nothing in view
+    for (int n = 0; n < 1500 && !near.empty(); ++n) {
+      const Board& board = near[random() % near.size()];
+      const Eigen::Vector3d noise(uniform(random, -0.02, 0.02), uniform(random, -0.02, 0.02),
+                                  uniform(random, -0.02, 0.02));
+      step.points_W.push_back(board.corner + uniform(random, 0, 1) * board.along + uniform(random, 0, 1) * board.up +
+                              noise);
+      if (test.ray_cloud) step.sensors_W.push_back(sensor_W + Eigen::Vector3d(1e-4 * n, 0, 0));
+    }
+    if (step.sensors_W.empty()) step.sensors_W.push_back(sensor_W);
+  }
+  return walk;
+}
+
+std::vector<ToolSpec> toolsOf(const Case& test) {
+  std::vector<ToolSpec> tools;
+  tools.push_back({armTool(), OrientationSet::yaw(), 0, "arm", 0});
+  if (test.tools > 1) {
+    tools.push_back(
+        {boxTool({-0.03F, -0.2F, -0.05F}, {0.35F, 0.07F, 0.31F}), OrientationSet::sphere(30), 2, "hook", 0});
+  }
+  return tools;
+}
+
+FieldParams paramsOf(const Case& test) {
+  FieldParams params = cpuParams(kVoxel_m);
+  params.backend = backendNamedBy("ACCESSVDB_TILE_DEVICE");
+  params.change.mode = test.change;
+  return params;
+}
+
+void integrate(AccessibilityField& field, const Step& step, double stamp_s) {
+  field.integrateRays(step.points_W, step.sensors_W, stamp_s);
+}
+void integrate(RollingField& field, const Step& step, double stamp_s) {
+  field.integrateRays(step.points_W, step.sensors_W, stamp_s);
+}
+
+/// What is promised: the rest depends on when a point was looked at.
+bool samePromise(const SurfacePoint& a, const SurfacePoint& b) {
+  if (a.id != b.id || a.position_W != b.position_W || a.label != b.label || a.tools != b.tools) return false;
+  if (!same(a.weight, b.weight)) return false;
+  return a.label != PointLabel::Accessible ||
+         (a.score == b.score && a.direction == b.direction && a.roll == b.roll && a.tool == b.tool);
+}
+
+std::size_t differences(const FieldSnapshot& a, const FieldSnapshot& b) {
+  std::size_t count = std::max(a.points.size(), b.points.size()) - std::min(a.points.size(), b.points.size());
+  for (std::size_t n = 0; n < std::min(a.points.size(), b.points.size()); ++n) {
+    if (!samePromise(a.points[n], b.points[n])) ++count;
+  }
+  return count;
+}
+
+/// What all tiles take.
+std::uint64_t bytesOfAll(const Case& test, const std::vector<Step>& steps) {
+  const ScratchFolder scratch;
+  RollingField all(toolsOf(test), paramsOf(test), {.folder = scratch / "tiles", .tile_voxels = kTile_voxels});
+  for (std::size_t n = 0; n < steps.size(); ++n) integrate(all, steps[n], 0.1 * static_cast<double>(n));
+  all.update();
+  EXPECT_EQ(all.status().saved, 0U);
+  return all.status().memory_bytes + all.status().device_bytes;
+}
+
+class Rolling : public ::testing::TestWithParam<Case> {};
+
+TEST_P(Rolling, EqualsAFieldWithoutALimit) {
+  const Case& test = GetParam();
+  const std::vector<Step> steps = walk(test);
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "tiles";
+  options.memory_limit_bytes =
+      static_cast<std::uint64_t>(test.memory_share * static_cast<double>(bytesOfAll(test, steps)));
+  options.tile_voxels = kTile_voxels;
+  AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  std::size_t most_in_memory = 0;
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    const double stamp_s = 0.1 * static_cast<double>(n);
+    integrate(unlimited, steps[n], stamp_s);
+    integrate(rolling, steps[n], stamp_s);
+    const RollingStatus status = rolling.status();
+    ASSERT_FALSE(status.memory_short) << "step " << n;
+    most_in_memory = std::max<std::size_t>(most_in_memory, status.tiles_in_memory);
+    if (test.update_every == 0 || n % static_cast<std::size_t>(test.update_every) != 0) continue;
+    unlimited.update();
+    rolling.update();
+    ASSERT_EQ(differences(unlimited.snapshot(), rolling.snapshot()), 0U) << "step " << n;
+  }
+  unlimited.update();
+  rolling.update();
+  const FieldSnapshot expected = unlimited.snapshot();
+  EXPECT_EQ(differences(expected, rolling.snapshot()), 0U);
+  expectVaried(expected);
+  const RollingStatus status = rolling.status();
+  EXPECT_LT(most_in_memory, status.tiles);
+  EXPECT_GT(status.loaded, 0U);
+  EXPECT_EQ(status.points, expected.points.size());
+  EXPECT_TRUE(status.lost_tiles.empty());
+}
+
+/// The folder at the end is that of a map in tiles: merged, it has the bytes of one piece.
+TEST(RollingFolder, MergesIntoOnePiece) {
+  const Case test = {.name = "merge", .seed = 7, .change = ChangeMode::Block, .update_every = 0};
+  const std::vector<Step> steps = walk(test);
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "states";
+  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
+  options.tile_voxels = kTile_voxels;
+  AccessibilityField whole(toolsOf(test), paramsOf(test));
+  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    integrate(whole, steps[n], 0.1 * static_cast<double>(n));
+    integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+  }
+  whole.update();
+  whole.write(scratch / "whole");
+  rolling.write(scratch / "out");
+  EXPECT_GT(rolling.status().saved, 0U);
+
+  const tiles::Plan plan = tiles::readPlan(scratch / "out");
+  const tiles::Index index = tiles::readIndex(scratch / "out");
+  EXPECT_TRUE(index.complete);
+  std::vector<tiles::Tile> done;
+  for (const tiles::IndexedTile& tile : index.tiles) {
+    tiles::Tile& each = done.emplace_back();
+    each.id = tile.id;
+    each.sha256 = tile.sha256;
+    each.points = tile.points;
+    each.device = whole.deviceName();
+  }
+  EXPECT_EQ(tiles::mergePoints(scratch / "out", plan, done, scratch / "merged.ply"), whole.snapshot().points.size());
+  EXPECT_EQ(bytesOf(scratch / "merged.ply"), bytesOf(scratch / "whole" / "points.ply"));
+  tiles::mergeGrids({scratch / "out", done, scratch / "merged.ply", scratch / "merged.vdb", {}, 2});
+  EXPECT_EQ(bytesOf(scratch / "merged.vdb"), bytesOf(scratch / "whole" / "field.vdb"));
+  EXPECT_THROW(rolling.write(scratch / "out"), OutputError) << "it holds a result";
+}
+
+/// Where the tiles of one scan do not fit, what is left out blocks.
+TEST(RollingLimit, IsContainedWhereMemoryIsShort) {
+  for (const double share : {0.2, 0.35}) {
+    SCOPED_TRACE(share);
+    const Case test = {.name = "short", .seed = 8, .change = ChangeMode::Block};
+    const std::vector<Step> steps = walk(test);
+    const ScratchFolder scratch;
+    RollingOptions options;
+    options.folder = scratch / "states";
+    options.memory_limit_bytes = static_cast<std::uint64_t>(share * static_cast<double>(bytesOfAll(test, steps)));
+    options.tile_voxels = kTile_voxels;
+    AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+    RollingField rolling(toolsOf(test), paramsOf(test), options);
+    std::size_t times_short = 0, accessible = 0;
+    for (std::size_t n = 0; n < steps.size(); ++n) {
+      integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+      integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+      unlimited.update();
+      rolling.update();
+      const RollingStatus status = rolling.status();
+      EXPECT_LE(status.memory_bytes, options.memory_limit_bytes) << "step " << n;
+      if (status.memory_short) {
+        ++times_short;
+        EXPECT_LT(status.fitting_range_m, 6);
+      }
+      for (const SurfacePoint& point : rolling.snapshot().accessible()) {
+        const auto other = unlimited.pointAt(point.position_W);
+        ASSERT_TRUE(other.has_value());
+        ASSERT_EQ(other->label, PointLabel::Accessible) << "step " << n;
+        ++accessible;
+      }
+    }
+    EXPECT_GT(times_short, 0U);
+    EXPECT_GT(rolling.status().left_out_returns, 0U);
+    EXPECT_GT(accessible, 1000U);
+  }
+}
+
+/// A state that is damaged costs its tile, in words, and no other.
+TEST(RollingLoss, IsOneTileThatIsNamed) {
+  const Case test = {.name = "loss", .seed = 9};
+  const std::vector<Step> steps = walk(test, 20);
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "states";
+  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
+  options.tile_voxels = kTile_voxels;
+  AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  std::string damaged;
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+    integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+    if (n != 12) continue;
+    for (const auto& entry : std::filesystem::directory_iterator(options.folder)) {
+      if (entry.path().extension() != ".state") continue;
+      std::string bytes = bytesOf(entry.path());
+      bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
+      writeBytes(entry.path(), bytes);
+      damaged = entry.path().filename().string();
+      damaged.resize(damaged.find('.'));
+      break;
+    }
+  }
+  ASSERT_FALSE(damaged.empty());
+  unlimited.update();
+  rolling.update();
+  const FieldSnapshot found = rolling.snapshot();
+  EXPECT_EQ(rolling.status().lost_tiles, std::vector<std::string>{damaged});
+  const internal::VoxelColumnBox core = internal::coreOf(tiles::TileId::parse(damaged).window(kTile_voxels));
+  std::size_t accessible = 0;
+  for (const SurfacePoint& point : found.points) {
+    if (point.label != PointLabel::Accessible) continue;
+    const Eigen::Vector3f p_L = (point.position_W - found.origin_W).cast<float>();
+    const auto ijk =
+        kernels::voxelOf(p_L.x(), p_L.y(), p_L.z(), kernels::VoxelScale(found.voxel_size_m).inverse_float32);
+    const bool inside = core.contains({ijk[0], ijk[1], ijk[2]});
+    EXPECT_FALSE(inside);
+    EXPECT_EQ(unlimited.pointAt(point.position_W)->label, PointLabel::Accessible);
+    ++accessible;
+  }
+  EXPECT_GT(accessible, 100U);
+  EXPECT_LT(accessible, unlimited.snapshot().accessible().size());
+}
+
+/// What a process leaves that is killed after a checkpoint: the same folder, with tiles that came and went since.
+TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
+  for (int world = 0; world < worlds(1); ++world) {
+    const auto seed = static_cast<std::uint64_t>(10 + world);
+    SCOPED_TRACE(seed);
+    const Case test = {.name = "resume", .seed = seed, .change = ChangeMode::Block};
+    const std::vector<Step> steps = walk(test);
+    std::mt19937_64 random(seed);
+    const ScratchFolder scratch;
+    RollingOptions options;
+    options.folder = scratch / "states";
+    options.memory_limit_bytes = static_cast<std::uint64_t>(0.6 * static_cast<double>(bytesOfAll(test, steps)));
+    options.tile_voxels = kTile_voxels;
+    AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+    auto rolling = std::make_unique<RollingField>(toolsOf(test), paramsOf(test), options);
+    std::size_t saved_at = 0, resumed = 0;
+    std::uint64_t left_before = 0;
+    for (std::size_t n = 0; n < steps.size(); ++n) {
+      integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+      integrate(*rolling, steps[n], 0.1 * static_cast<double>(n));
+      unlimited.update();
+      rolling->update();
+      if (n % 7 == 3) {
+        rolling->checkpoint();
+        saved_at = n + 1;
+      }
+      if (saved_at == 0 || random() % 6 != 0) continue;
+      left_before += rolling->status().saved;
+      writeBytes(options.folder / "letter.txt", "of the user");
+      rolling = std::make_unique<RollingField>(RollingField::resume(toolsOf(test), paramsOf(test), options));
+      EXPECT_EQ(rolling->status().steps, saved_at);
+      EXPECT_EQ(bytesOf(options.folder / "letter.txt"), "of the user");
+      ++resumed;
+      for (std::size_t again = saved_at; again <= n; ++again) {
+        integrate(*rolling, steps[again], 0.1 * static_cast<double>(again));
+        rolling->update();
+      }
+      ASSERT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U) << "step " << n;
+    }
+    EXPECT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U);
+    EXPECT_GT(resumed, 2U);
+    EXPECT_GT(left_before + rolling->status().saved, 0U);
+    EXPECT_TRUE(rolling->status().lost_tiles.empty());
+    rolling->checkpoint();
+    std::size_t states = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(options.folder))
+      states += entry.path().extension() == ".state" ? 1 : 0;
+    EXPECT_EQ(states, rolling->status().tiles) << "of checkpoints before";
+    rolling->write(scratch / "out");
+    EXPECT_TRUE(tiles::readIndex(scratch / "out").complete);
+  }
+}
+
+TEST(RollingResume, RefusesWhatIsNotItsOwn) {
+  const Case test = {.name = "own", .seed = 13};
+  const std::vector<Step> steps = walk(test, 6);
+  const ScratchFolder scratch;
+  const RollingOptions options = {.folder = scratch / "states"};
+  {
+    RollingField rolling(toolsOf(test), paramsOf(test), options);
+    for (const Step& step : steps) integrate(rolling, step, 0);
+    rolling.checkpoint();
+  }
+  const auto refused = [&](const std::vector<ToolSpec>& tools, const FieldParams& params,
+                           const RollingOptions& with) -> std::string {
+    try {
+      const RollingField field = RollingField::resume(tools, params, with);
+      return field.status().steps == steps.size() ? "taken" : "other";
+    } catch (const Error& error) {
+      return error.id();
+    }
+  };
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), {.folder = scratch / "elsewhere"}), "rolling.missing");
+  FieldParams params = paramsOf(test);
+  params.tsdf.range_noise_m = 0.02;
+  EXPECT_EQ(refused(toolsOf(test), params, options), "rolling.changed");
+  EXPECT_EQ(refused({{ToolGeometry::builtin("builtin:pencil")}}, paramsOf(test), options), "rolling.changed");
+  RollingOptions larger = options;
+  larger.tile_voxels = 1024;
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), larger), "rolling.changed");
+  // A new field does not begin in it.
+  EXPECT_THROW(RollingField(toolsOf(test), paramsOf(test), options), OutputError);
+  std::string manifest = bytesOf(options.folder / "rolling.json");
+  manifest[manifest.size() / 2] = static_cast<char>(manifest[manifest.size() / 2] ^ 1);
+  writeBytes(options.folder / "rolling.json", manifest);
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "rolling.damaged");
+}
+
+/// A folder that takes no more files: the step is refused before anything changes, and can be repeated.
+TEST(RollingLimit, OfTheDiskRefusesAStepAndNothingElse) {
+  const Case test = {.name = "disk", .seed = 14};
+  const std::vector<Step> steps = walk(test, 20);
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "states";
+  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
+  options.tile_voxels = kTile_voxels;
+  AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  std::size_t refused = 0;
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+    std::filesystem::rename(options.folder, scratch / "away");  // root may write everywhere else
+    try {
+      integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+      std::filesystem::rename(scratch / "away", options.folder);
+    } catch (const Error& error) {
+      EXPECT_NE(error.id(), "field.broken");
+      ++refused;
+      std::filesystem::rename(scratch / "away", options.folder);
+      integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+    }
+    unlimited.update();
+    rolling.update();
+  }
+  EXPECT_GT(refused, 0U);
+  EXPECT_TRUE(rolling.status().lost_tiles.empty());
+  EXPECT_EQ(differences(unlimited.snapshot(), rolling.snapshot()), 0U);
+}
+
+TEST(RollingRefusals, NameWhatIsWrong) {
+  const Case test = {.name = "refusals"};
+  const ScratchFolder scratch;
+  const auto refused = [&](const FieldParams& params, const RollingOptions& options) -> std::string {
+    try {
+      RollingField field(toolsOf(test), params, options);
+      return "taken";
+    } catch (const Error& error) {
+      return error.id();
+    }
+  };
+  const RollingOptions fine = {.folder = scratch / "states"};
+  FieldParams params = paramsOf(test);
+  params.update.budget_points = 10;
+  EXPECT_EQ(refused(params, fine), "rolling.params");
+  params = paramsOf(test);
+  params.origin_W = {{0, 0, 0}};
+  params.window = FieldWindow{{0, 0}, {128, 128}};
+  EXPECT_EQ(refused(params, fine), "rolling.params");
+  for (const std::int32_t edge : {1, 100, 64, -128, 1 << 17})
+    EXPECT_EQ(refused(paramsOf(test), {.folder = scratch / "states", .tile_voxels = edge}), "rolling.tile") << edge;
+  std::filesystem::create_directories(scratch / "full");
+  writeBytes(scratch / "full" / "letter.txt", "of the user");
+  EXPECT_EQ(refused(paramsOf(test), {.folder = scratch / "full"}), "output.foreign");
+  EXPECT_EQ(refused(paramsOf(test), {.folder = scratch / "full" / "letter.txt"}), "output.foreign");
+  EXPECT_EQ(bytesOf(scratch / "full" / "letter.txt"), "of the user");
+  EXPECT_EQ(refused(paramsOf(test), fine), "taken");
+}
+
+std::vector<Case> cases() {
+  std::vector<Case> all = {{.name = "off"},
+                           {.name = "block", .seed = 2, .change = ChangeMode::Block},
+                           {.name = "every_third", .seed = 3, .change = ChangeMode::Block, .update_every = 3},
+                           {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = 0.5},
+                           {.name = "two_tools", .seed = 5, .change = ChangeMode::Block, .update_every = 5, .tools = 2},
+                           {.name = "ray_cloud", .seed = 6, .ray_cloud = true}};
+  for (int n = 0; n < worlds(0); ++n) {
+    std::mt19937_64 random(1000 + n);
+    all.push_back({.name = "world_" + std::to_string(n),
+                   .seed = random(),
+                   .change = random() % 2 == 0 ? ChangeMode::Off : ChangeMode::Block,
+                   .update_every = static_cast<int>(random() % 5),
+                   .tools = 1 + static_cast<int>(random() % 2),
+                   .ray_cloud = random() % 3 == 0,
+                   .memory_share = uniform(random, 0.65, 0.8)});
+  }
+  return all;
+}
+INSTANTIATE_TEST_SUITE_P(Walks, Rolling, ::testing::ValuesIn(cases()),
+                         [](const auto& test) { return test.param.name; });
+
+}  // namespace
+}  // namespace accessvdb::test

@@ -1,0 +1,115 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "runs/live_commands.h"
+
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "output/error_output.h"
+#include "output/json_text.h"
+
+namespace accessvdb::tools {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::array<const char*, 6> kNames = {"save", "checkpoint", "reset", "remove", "pause", "resume"};
+constexpr std::size_t kMostWaiting = 100, kMostWords = 300;
+
+const char* nameOf(LiveCommandKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
+
+/// Numbers and short texts are ids; whatever else was sent is none.
+std::string idOf(const Json& message) {
+  constexpr std::size_t kMostBytes = 100;
+  const auto id = message.find("id");
+  if (id == message.end() || !(id->is_number() || id->is_string())) return "null";
+  std::string text = jsonText(*id, -1);
+  return text.size() <= kMostBytes ? text : "null";
+}
+
+/// @return what is wrong with it; nothing if it was read
+std::optional<std::string> readBox(const Json& message, LiveCommand& command) {
+  const auto box = message.find("box");
+  const bool fits = box != message.end() && box->is_array() && box->size() == 6 &&
+                    std::all_of(box->begin(), box->end(), [](const Json& value) { return value.is_number(); });
+  if (!fits) return "\"box\" must be six numbers: x0, y0, z0, x1, y1, z1 in metres";
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    command.min_W[static_cast<Eigen::Index>(axis)] = (*box)[axis].get<double>();
+    command.max_W[static_cast<Eigen::Index>(axis)] = (*box)[axis + 3].get<double>();
+  }
+  const auto as = message.find("as");
+  if (as == message.end() || *as == "unknown") return std::nullopt;
+  if (*as != "free") return "\"as\" must be \"unknown\" or \"free\"";
+  command.removed_as = RemovedAs::Free;
+  return std::nullopt;
+}
+
+}  // namespace
+
+void LiveCommands::receive(const std::string& text) {
+  const Json message = Json::parse(text, nullptr, false);
+  LiveAnswer refused;
+  LiveCommand command;
+  const bool object = message.is_object();
+  if (object) refused.id = command.id = idOf(message);
+  const auto word = object ? message.find("command") : message.end();
+  if (message.is_discarded() || !object) {
+    refused.words = "is no JSON object";
+  } else if (word == message.end() || !word->is_string()) {
+    refused.words = "has no \"command\"";
+  } else {
+    refused.command = printable(word->get<std::string>().substr(0, 40));
+    const auto known = std::find(kNames.begin(), kNames.end(), word->get<std::string>());
+    if (known == kNames.end()) {
+      refused.words = "is not known; there are save, checkpoint, reset, remove, pause and resume";
+    } else {
+      command.kind = static_cast<LiveCommandKind>(known - kNames.begin());
+      if (command.kind == LiveCommandKind::Remove) refused.words = readBox(message, command).value_or("");
+    }
+  }
+  const std::scoped_lock locked(lock_);
+  ++report_.received;
+  if (refused.words.empty() && waiting_.size() == kMostWaiting)
+    refused.words = "comes while " + std::to_string(kMostWaiting) + " others wait";
+  if (refused.words.empty()) {
+    waiting_.push_back(std::move(command));
+  } else {
+    add(std::move(refused));
+  }
+}
+
+std::optional<LiveCommand> LiveCommands::next() {
+  const std::scoped_lock locked(lock_);
+  if (waiting_.empty()) return std::nullopt;
+  LiveCommand command = std::move(waiting_.front());
+  waiting_.pop_front();
+  return command;
+}
+
+void LiveCommands::answer(const LiveCommand& command, bool done, const std::string& words) {
+  const std::scoped_lock locked(lock_);
+  add({command.id, nameOf(command.kind), done, words});
+}
+
+void LiveCommands::add(LiveAnswer answer) {
+  constexpr std::size_t kKept = 32;
+  answer.words = printable(answer.words.substr(0, kMostWords));
+  ++(answer.done ? report_.done : report_.refused);
+  if (report_.answers.size() == kKept) report_.answers.erase(report_.answers.begin());
+  report_.answers.push_back(std::move(answer));
+  news_ = true;
+}
+
+LiveCommandReport LiveCommands::report() const {
+  const std::scoped_lock locked(lock_);
+  return report_;
+}
+
+bool LiveCommands::takeNews() {
+  const std::scoped_lock locked(lock_);
+  return std::exchange(news_, false);
+}
+
+}  // namespace accessvdb::tools
