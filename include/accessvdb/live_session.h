@@ -22,7 +22,8 @@
 /// `accessvdb map --update-every 1`. Clocks only measure; nothing is decided by them.
 ///
 /// What is left out blocks: a return for which there was no memory or no time never makes a point accessible
-/// (AccessibilityField::stopGrowing(), leaveOut()). Only returns without a pose are merely counted.
+/// (AccessibilityField::stopGrowing(), leaveOut()). Only returns without a pose are merely counted. Where more scans
+/// were lost before their poses came than can be remembered, nothing is accessible any more (LiveStatus::all_closed).
 #pragma once
 
 #include <Eigen/Core>
@@ -59,12 +60,13 @@ enum class ScanDrop : std::uint8_t {
   OutOfOrder,  ///< not later than the scan before it, or waiting and over 10 s later than one that came after it
   Unusable,    ///< no time, more returns than LiveOptions::most_returns, or times of points that cannot be its own
   Failed,      ///< the step that took it threw
-  Paused       ///< it came after pause()
+  Paused,      ///< it came after pause()
+  Reset        ///< it waited at reset()
 };
-inline constexpr int kNumScanDrops = 6;
+inline constexpr int kNumScanDrops = 7;
 constexpr const char* name(ScanDrop reason) {
-  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order",
-                                                 "unusable",   "failed",  "paused"};
+  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order", "unusable",
+                                                 "failed",     "paused",  "reset"};
   return kNames[static_cast<int>(reason)];
 }
 
@@ -115,8 +117,10 @@ struct LiveTransform {
 /// What an IMU measured.
 struct LiveImu {
   std::int64_t stamp_ns = 0;
-  Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< specific force: up, at rest; any unit
-  std::string frame = {};  ///< of the first one; where no transform connects it, that of what is posed
+  Eigen::Vector3d force =
+      Eigen::Vector3d::Zero();  ///< specific force: up, at rest; m/s2 or g. 1000 and more is not used
+  std::string frame =
+      {};  ///< of the first one. Transforms that connect it are waited for, for 10 s by the poses' times
 };
 
 /// One scan. Its returns are in `points`, or in `points_double` if the sender has doubles.
@@ -186,7 +190,10 @@ struct LiveStatus {
   std::string world_frame = {};        ///< of the first pose
   std::string sensor_chain = {};       ///< by which transforms the last scan was placed: "odom -> body -> lidar"
   std::string unconnected_frame = {};  ///< of the last scan that was dropped since no transform connects its frame
-  double extrinsic_m = 0;              ///< how far the sensor of the last scan is from what is posed
+  /// Frame of the IMU, if LiveOptions::level was found as if that were what is posed, since no transform connects it.
+  std::string unconnected_imu = {};
+  bool waits_for_level = false;  ///< scans wait for LiveOptions::level
+  double extrinsic_m = 0;        ///< how far the sensor of the last scan is from what is posed
 
   std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
   std::uint64_t late = 0;                        ///< of taken: only fused, since too many waited
@@ -199,6 +206,9 @@ struct LiveStatus {
   std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
   std::uint64_t memory_limit_bytes = 0;
   bool memory_full = false;  ///< no new space is taken any more
+  /// So many scans were lost before their poses came that what they saw may be anywhere: nothing is accessible any
+  /// more.
+  bool all_closed = false;
   bool paused = false;
   std::uint64_t resets = 0;
 
@@ -249,8 +259,8 @@ class ACCESSVDB_API LiveSession {
 
   /// From now on scans that come are dropped as paused, or taken again. Those that wait keep their turn.
   void pause(bool paused);
-  /// The map is forgotten, and points are counted from 0 again. Poses, transforms and scans that wait are kept; scans
-  /// may have earlier times than before.
+  /// The map is forgotten, and points are counted from 0 again. Poses and transforms are kept, scans that wait are
+  /// dropped; scans may have earlier times than before.
   void reset();
   /// As AccessibilityField::removeRegion() and update().
   [[nodiscard]] LiveRemoval removeRegion(const Region& region, RemovedAs as = RemovedAs::Unknown);

@@ -31,7 +31,8 @@ namespace accessvdb {
 struct RollingOptions {
   /// Where tiles go that leave memory. It may not exist yet, or be empty.
   std::filesystem::path folder;
-  /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there. 0 = no limit
+  /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there. 0 = no
+  /// limit. The first scan, and a nearest tile that does not fit alone, may pass it.
   std::uint64_t memory_limit_bytes = 0;
   std::uint64_t device_limit_bytes = 0;  ///< of what lies on a GPU. 0 = no limit
   /// Edge of a tile: FieldWindow::kEdge times a power of two, at least twice the margin that the tool needs. 0 = rule:
@@ -66,7 +67,8 @@ class ACCESSVDB_API RollingField {
   RollingField& operator=(RollingField&&) noexcept;
 
   /// Goes on after the last checkpoint() of a field with the same tools and parameters in this folder. What came after
-  /// it is not there; all that follows has the labels that it would have had.
+  /// it is not there; all that follows has the labels that it would have had (where memory is short, other returns may
+  /// be left out).
   /// @throws InputError "rolling.missing" (there is none), "rolling.damaged"; UnusableInput "rolling.changed"
   [[nodiscard]] static RollingField resume(std::vector<ToolSpec> tools, const FieldParams& params,
                                            RollingOptions options, const TableProgress& progress = {});
@@ -78,7 +80,7 @@ class ACCESSVDB_API RollingField {
                            std::optional<double> stamp_s = {});
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
                            std::optional<double> stamp_s = {});
-  /// Scores what changed since the last update().
+  /// Scores what changed since the last update(). @throws OutputError afterwards, where a tile cannot be saved
   UpdateStats update();
 
   /// All points, tile by tile; in a tile by their ids. Tiles are loaded for it one at a time.

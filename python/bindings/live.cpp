@@ -179,6 +179,8 @@ py::dict status(Session& session) {
   all["world_frame"] = now.world_frame;
   all["sensor_chain"] = now.sensor_chain;
   all["unconnected_frame"] = now.unconnected_frame;
+  all["unconnected_imu"] = now.unconnected_imu;
+  all["waits_for_level"] = now.waits_for_level;
   all["extrinsic_m"] = now.extrinsic_m;
   all["points_in"] = now.points_in;
   all["points_used"] = now.points_used;
@@ -191,6 +193,7 @@ py::dict status(Session& session) {
   all["memory_bytes"] = now.memory_bytes;
   all["memory_limit_bytes"] = now.memory_limit_bytes;
   all["memory_full"] = now.memory_full;
+  all["all_closed"] = now.all_closed;
   all["paused"] = now.paused;
   all["resets"] = now.resets;
   all["latency_p50_ms"] = now.latency_p50_ms;

@@ -97,7 +97,7 @@ struct Participant::Impl {
     if (publisher == nullptr || subscriber == nullptr) fail("could not make its topics");
     writers[0] = writer(Output::Points, kCloudType, /*latched=*/true, 1);
     writers[1] = writer(Output::Changes, kCloudType, /*latched=*/false, 16);
-    writers[2] = writer(Output::Status, kTextType, /*latched=*/true, 1);
+    writers[2] = writer(Output::Status, kTextType, /*latched=*/true, 8);  // answers take up to 7
   }
 
   [[noreturn]] void fail(const std::string& problem) const {

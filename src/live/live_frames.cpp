@@ -3,6 +3,10 @@
 #include "live/live_frames.h"
 
 #include <algorithm>
+#include <cmath>
+
+#include "io/poses/pose_checks.h"
+#include "io/poses/pose_track.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -11,12 +15,18 @@ constexpr std::size_t kMostFrames = 1000, kMostNameBytes = 256;
 /// Poses that are kept of all frames together, in units of those of one.
 constexpr std::size_t kSharedBy = 16;
 
+bool isPose(const LiveTransform& transform) {
+  return transform.p.allFinite() && std::abs(transform.q.norm() - 1.0) <= io::kRepairLimit &&
+         (transform.fixed || (transform.stamp_ns >= -io::kMostStamp_ns && transform.stamp_ns <= io::kMostStamp_ns));
+}
+
 }  // namespace
 
 void LiveFrames::add(const LiveTransform& transform) {
   ++added_;
   const std::string parent = io::plainFrame(transform.parent), child = io::plainFrame(transform.child);
-  if (parent.empty() || child.empty() || std::max(parent.size(), child.size()) > kMostNameBytes) {
+  // One that is no pose must not connect anything either.
+  if (parent.empty() || child.empty() || std::max(parent.size(), child.size()) > kMostNameBytes || !isPose(transform)) {
     ++invalid_;
     return;
   }
@@ -61,8 +71,8 @@ std::optional<Eigen::Isometry3d> LiveFrames::at(const Chain& chain, std::int64_t
 bool LiveFrames::isSettled(const Chain& chain, std::int64_t stamp_ns) const {
   return std::all_of(chain.from_leaf.begin(), chain.from_leaf.end(), [&](std::size_t frame) {
     const auto known = moving_.find(frame);
-    return frame == posed_ || links_.isFixed(frame) || known == moving_.end() || known->second.isPast(stamp_ns) ||
-           known->second.at(stamp_ns);
+    return frame == posed_ || links_.isFixed(frame) ||
+           (known != moving_.end() && (known->second.isPast(stamp_ns) || known->second.at(stamp_ns)));
   });
 }
 

@@ -4,10 +4,14 @@
 
 #include <vector>
 
+#include "io/poses/frame_links.h"
+
 namespace accessvdb::internal {
 namespace {
 
 constexpr std::int64_t kRest_ns = 1'000'000'000;
+/// No IMU of a robot measures more, in m/s2.
+constexpr double kMostForce = 1000;
 
 }  // namespace
 
@@ -16,15 +20,15 @@ LiveLevel::LiveLevel(const std::optional<io::Level>& wanted) : waits_(wanted && 
 }
 
 void LiveLevel::add(const LiveImu& imu) {
-  if (!waits_ || !imu.force.allFinite()) return;
-  if (samples_.empty()) frame_ = imu.frame;
+  if (!waits_ || !(imu.force.norm() < kMostForce)) return;
+  if (samples_.empty()) frame_ = io::plainFrame(imu.frame);
   if (samples_.size() == io::kMostImuSamples) samples_.pop_front();
   samples_.push_back({imu.stamp_ns, imu.force, Eigen::Vector3d::Zero()});
 }
 
 std::optional<std::int64_t> LiveLevel::firstPosed_ns(const PoseOfImu& T_W_I) const {
   for (const io::ImuSample& sample : samples_)
-    if (T_W_I(frame_, sample.stamp_ns)) return sample.stamp_ns;
+    if (T_W_I(sample.stamp_ns)) return sample.stamp_ns;
   return std::nullopt;
 }
 
@@ -39,7 +43,7 @@ void LiveLevel::measure(const PoseOfImu& T_W_I) {
   const auto first_ns = firstPosed_ns(T_W_I);
   for (const io::ImuSample& sample : samples_) {
     if (!first_ns || sample.stamp_ns - *first_ns > kRest_ns) continue;
-    if (const auto T = T_W_I(frame_, sample.stamp_ns)) force_W.push_back(T->linear() * sample.force);
+    if (const auto T = T_W_I(sample.stamp_ns)) force_W.push_back(T->linear() * sample.force);
   }
   R_L_W_ = io::levellingOf(force_W, "the IMU");
   waits_ = false;

@@ -26,8 +26,12 @@ class LiveLevel {
   /// From the frame of the poses to the level one; nothing where nothing is turned.
   [[nodiscard]] const std::optional<Eigen::Matrix3d>& R_L_W() const { return R_L_W_; }
 
-  /// Pose of the IMU, named by its frame, at a time.
-  using PoseOfImu = std::function<std::optional<Eigen::Isometry3d>(const std::string&, std::int64_t)>;
+  /// Of the first one.
+  [[nodiscard]] const std::string& frame() const { return frame_; }
+  /// Pose of the IMU at a time.
+  using PoseOfImu = std::function<std::optional<Eigen::Isometry3d>(std::int64_t)>;
+  /// When what was measured first that has a pose was measured.
+  [[nodiscard]] std::optional<std::int64_t> firstPosed_ns(const PoseOfImu& T_W_I) const;
   /// Whether measure() would have an answer, or an error: the first second is over.
   /// @param past  whether poses have got past a time
   [[nodiscard]] bool isDue(const PoseOfImu& T_W_I, const std::function<bool(std::int64_t)>& past) const;
@@ -35,8 +39,6 @@ class LiveLevel {
   void measure(const PoseOfImu& T_W_I);
 
  private:
-  [[nodiscard]] std::optional<std::int64_t> firstPosed_ns(const PoseOfImu& T_W_I) const;
-
   bool waits_ = false;
   std::optional<Eigen::Matrix3d> R_L_W_;
   std::string frame_;

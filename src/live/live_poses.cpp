@@ -5,6 +5,12 @@
 #include <algorithm>
 
 namespace accessvdb::internal {
+namespace {
+
+/// So long is waited for transforms, by the poses' times: fixed ones come once, at the start, and late.
+constexpr std::int64_t kPatience_ns = 10'000'000'000;
+
+}  // namespace
 
 double SensorMotion::spread_m(double range_m) const {
   double spread_m = 0;
@@ -20,6 +26,7 @@ double SensorMotion::spread_m(double range_m) const {
 void LivePoses::add(const LivePose& pose) {
   ++added_;
   ended_ = false;
+  level_is_due_.reset();
   const std::string frame = io::plainFrame(pose.frame), child = io::plainFrame(pose.child);
   if (world_frame_ && (frame != *world_frame_ || child != child_)) {
     ++other_frame_;
@@ -71,8 +78,6 @@ std::optional<SensorMotion> LivePoses::motionAt(const std::string& frame, std::i
 }
 
 bool LivePoses::isSettled(const std::string& frame, std::int64_t stamp_ns) const {
-  /// So long do scans wait for transforms, by the poses' times: fixed ones come once, at the start, and late.
-  constexpr std::int64_t kPatience_ns = 10'000'000'000;
   if (ended_) return true;
   if (!level_.isKnown()) return false;
   if (!poses_.isPast(stamp_ns) && !poses_.at(stamp_ns)) return false;
@@ -82,23 +87,36 @@ bool LivePoses::isSettled(const std::string& frame, std::int64_t stamp_ns) const
   return route.chain ? frames_.isSettled(*route.chain, stamp_ns) : taken_;
 }
 
-/// Where no transform connects it, the IMU is taken to lie as what is posed.
-std::optional<Eigen::Isometry3d> LivePoses::imuAt(const std::string& frame, std::int64_t stamp_ns) const {
-  const auto T_W_B = poses_.at(stamp_ns);
-  if (!T_W_B) return std::nullopt;
-  const std::string& world = world_frame_->empty() ? io::kWorldFrame : *world_frame_;
-  const auto chain = child_.empty() ? std::nullopt : frames_.chain(world, io::plainFrame(frame));
-  return chain ? frames_.at(*chain, stamp_ns, *T_W_B) : T_W_B;
+/// An IMU that names no frame lies as what is posed. One that does must be connected to that by transforms; where none
+/// came although there was time, it is taken to lie so, and said.
+std::pair<LiveLevel::PoseOfImu, bool> LivePoses::poseOfImu() const {
+  const auto ofBody = [this](std::int64_t stamp_ns) { return poses_.at(stamp_ns); };
+  const std::string& frame = level_.frame();
+  if (frame.empty() || child_.empty() || frame == child_) return {ofBody, true};
+  if (const auto chain = frames_.chain(world_frame_->empty() ? io::kWorldFrame : *world_frame_, frame)) {
+    return {[this, chain](std::int64_t stamp_ns) {
+              const auto T_W_B = poses_.at(stamp_ns);
+              return T_W_B ? frames_.at(*chain, stamp_ns, *T_W_B) : std::nullopt;
+            },
+            true};
+  }
+  const auto first_ns = level_.firstPosed_ns(ofBody);
+  if (ended_ || (first_ns && poses_.isPast(*first_ns + kPatience_ns))) return {ofBody, false};
+  return {[](std::int64_t) -> std::optional<Eigen::Isometry3d> { return std::nullopt; }, true};
 }
 
 bool LivePoses::levelIsDue() const {
-  const auto T_W_I = [this](const std::string& frame, std::int64_t ns) { return imuAt(frame, ns); };
-  return !level_.isKnown() &&
-         (ended_ || level_.isDue(T_W_I, [this](std::int64_t stamp_ns) { return poses_.isPast(stamp_ns); }));
+  if (level_.isKnown()) return false;
+  if (ended_) return true;
+  if (!level_is_due_)
+    level_is_due_ = level_.isDue(poseOfImu().first, [this](std::int64_t stamp_ns) { return poses_.isPast(stamp_ns); });
+  return *level_is_due_;
 }
 
 void LivePoses::findLevel() {
-  level_.measure([this](const std::string& frame, std::int64_t stamp_ns) { return imuAt(frame, stamp_ns); });
+  const auto [T_W_I, connected] = poseOfImu();
+  level_.measure(T_W_I);
+  if (!connected) unconnected_imu_ = level_.frame();
 }
 
 void LivePoses::noteTaken(const std::string& frame, const SensorMotion& motion) {
@@ -122,6 +140,8 @@ void LivePoses::tell(LiveStatus& status) const {
   status.world_frame = world_frame_.value_or("");
   status.sensor_chain = sensor_chain_;
   status.unconnected_frame = unconnected_;
+  status.unconnected_imu = unconnected_imu_;
+  status.waits_for_level = !level_.isKnown();
   status.extrinsic_m = extrinsic_m_;
   frames_.tell(status);
 }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/live_session.h"
@@ -42,8 +43,14 @@ class LivePoses {
         level_(options.level) {}
 
   void add(const LivePose& pose);
-  void add(const LiveTransform& transform) { frames_.add(transform); }
-  void add(const LiveImu& imu) { level_.add(imu); }
+  void add(const LiveTransform& transform) {
+    frames_.add(transform);
+    level_is_due_.reset();
+  }
+  void add(const LiveImu& imu) {
+    level_.add(imu);
+    level_is_due_.reset();
+  }
   /// Whether findLevel() has something to do.
   [[nodiscard]] bool levelIsDue() const;
   /// @throws UnusableInput "level.no_imu", "level.moving"
@@ -85,15 +92,17 @@ class LivePoses {
   [[nodiscard]] std::optional<Eigen::Isometry3d> sensorAt(const Route& route, std::int64_t stamp_ns,
                                                           const Eigen::Isometry3d& T_W_B) const;
 
-  [[nodiscard]] std::optional<Eigen::Isometry3d> imuAt(const std::string& frame, std::int64_t stamp_ns) const;
+  /// And whether transforms connect it.
+  [[nodiscard]] std::pair<LiveLevel::PoseOfImu, bool> poseOfImu() const;
 
   std::optional<Eigen::Isometry3d> T_B_S_;
   PoseBuffer poses_;
   LiveFrames frames_;
   LiveLevel level_;
+  mutable std::optional<bool> level_is_due_;  ///< nothing that decides it has come since
   std::optional<std::string> world_frame_;
   std::string child_;
-  std::string sensor_chain_, unconnected_;
+  std::string sensor_chain_, unconnected_, unconnected_imu_;
   double extrinsic_m_ = 0;
   std::uint64_t added_ = 0, other_frame_ = 0;
   bool taken_ = false, ended_ = false;

@@ -110,9 +110,13 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     return record;
   }
 
-  void leaveOut(const internal::LostReturns& returns) {
-    if (!returns.empty())
+  /// @param around_W  a position that the map is near to
+  void leaveOut(const internal::LostReturns& returns, const Eigen::Vector3d& around_W) {
+    if (returns.everywhere()) {
+      field.leaveOut(std::array<Eigen::Vector3d, 1>{around_W}, internal::kFarthestReturn_m);
+    } else if (!returns.empty()) {
       field.leaveOut(returns.centres_W(), std::min(returns.radius_m(), internal::kFarthestReturn_m));
+    }
   }
 
   /// A step failed. If the field did not break, it does not know what the scan saw: everything in its range is closed.
@@ -129,9 +133,12 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   /// @return whether it was taken: its times may not be its own
   bool take(Ready& ready, LiveStep& step) {
     const double stamp_s = io::seconds(ready.waiting.scan.stamp_ns);
-    leaveOut(ready.lost);
+    leaveOut(ready.lost, ready.motion.T_W_S.translation());
     const auto record = posed(ready, step);
-    if (!record) return false;
+    if (!record) {
+      if (!ready.lost.empty()) static_cast<void>(field.update());  // it may be the last one
+      return false;
+    }
     if (!step.late) agreement.add(*record, ready.motion.T_W_B);
     step.fused = record->origins_W.empty() ? field.integrateScan(record->points_S, record->T_W_S, stamp_s)
                                            : field.integrateRays(record->points_W, record->origins_W, stamp_s);
@@ -261,7 +268,7 @@ std::optional<LiveStep> LiveSession::step() {
     }
     if (!ready) {
       if (!lost->empty() || (at_end && impl_->unscored > 0)) {
-        impl_->leaveOut(*lost);
+        impl_->leaveOut(*lost, impl_->field.origin_W());
         static_cast<void>(impl_->field.update());
         impl_->unscored = 0;
       }

@@ -22,7 +22,10 @@ class LostReturns {
 
   /// Positions that are not finite are no returns. @param spread_m  the return may lie so far from there
   void add(const Eigen::Vector3d& p_W, double spread_m = 0);
-  [[nodiscard]] bool empty() const { return cubes_.empty(); }
+  /// They may lie anywhere.
+  void addEverywhere() { everywhere_ = true; }
+  [[nodiscard]] bool everywhere() const { return everywhere_; }
+  [[nodiscard]] bool empty() const { return cubes_.empty() && !everywhere_; }
   /// Every return lay at most radius_m() from one of these.
   [[nodiscard]] std::vector<Eigen::Vector3d> centres_W() const;
   [[nodiscard]] double radius_m() const { return 0.8661 * edge_m_ + spread_m_; }  // half a diagonal, rounded up
@@ -31,6 +34,7 @@ class LostReturns {
   using Cube = std::array<std::int64_t, 3>;
   double edge_m_, spread_m_ = 0;
   std::set<Cube> cubes_;
+  bool everywhere_ = false;
 };
 
 }  // namespace accessvdb::internal

@@ -16,6 +16,11 @@ std::optional<io::TimeSpan> spanOf(const LiveScan& scan) {
                              : io::timeSpanOf(scan.points, scan.times, stamp_s);
 }
 
+bool hasReturn(const LiveScan& scan) {
+  return std::any_of(scan.points.begin(), scan.points.end(), io::isReturn<Eigen::Vector3f>) ||
+         std::any_of(scan.points_double.begin(), scan.points_double.end(), io::isReturn<Eigen::Vector3d>);
+}
+
 }  // namespace
 
 ScanTimes::Verdict ScanTimes::next(const LiveScan& scan, bool registered) {
@@ -39,7 +44,8 @@ ScanTimes::Verdict ScanTimes::next(const LiveScan& scan, bool registered) {
   if (span || (!chosen_ && has_returns)) words_ = choice.words.substr(std::min<std::size_t>(2, choice.words.size()));
   if (!choice.scale) {
     // Among scans that are placed by their times, one whose times cannot be told is not used as if it had none.
-    const bool contradicts = span && chosen_;
+    const bool timeless = !span && wanted_ != io::Deskew::Off && !scan.times.empty() && hasReturn(scan);  // NaN, inf
+    const bool contradicts = chosen_ && (span || timeless);
     return {contradicts || (insist && has_returns) ? Use::None : Use::AsIs, {}};
   }
   chosen_ = true;

@@ -9,8 +9,10 @@
 namespace accessvdb::internal {
 namespace {
 
-/// More scans than that are not remembered until their poses come.
-constexpr std::size_t kMostUnplaced = 64;
+/// Of more scans whose poses have not come, only how far they saw is remembered.
+constexpr std::size_t kMostDetailed = 64;
+/// After more than that, nobody can say any more what they saw: everything is closed.
+constexpr std::size_t kMostUnplaced = 4096;
 /// After so many scans that were only fused, one is scored in any case.
 constexpr int kMostLate = 16;
 
@@ -59,10 +61,14 @@ void WaitingScans::add(LiveScan scan) {
 }
 
 void WaitingScans::forgetTaken() {
+  for (const WaitingScan& waiting : queue_) drop(waiting, ScanDrop::Reset);
+  queue_.clear();
+  waiting_returns_ = 0;
   taken_stamp_ns_.reset();
-  last_stamp_ns_ = queue_.empty() ? std::nullopt : std::optional(queue_.back().scan.stamp_ns);
+  last_stamp_ns_.reset();
   lost_ = LostReturns(cube_m_);
   unplaced_.clear();
+  all_lost_ = false;
 }
 
 void WaitingScans::removeFirst() {
@@ -110,6 +116,7 @@ std::optional<WaitingScans::Ready> WaitingScans::next() {
     const bool late = queue_.size() >= options_.queue_scans && isReady(queue_[options_.queue_scans - 1]) &&
                       lost_now.empty() && late_in_a_row_ < kMostLate;
     late_in_a_row_ = late ? late_in_a_row_ + 1 : 0;
+    if (all_lost_) lost_now.addEverywhere();  // the field closes what is near enough to the sensor
     const bool registered = poses_.isRegistered(waiting.scan.frame);
     return Ready{std::move(waiting), std::move(*motion), registered, late, std::move(lost_now)};
   }
@@ -141,8 +148,22 @@ void WaitingScans::lose(const WaitingScan& waiting) {
     place(unplaced, *poses_.motionAt(unplaced.frame, unplaced.stamp_ns, unplaced.ms));
     return;
   }
-  if (unplaced_.size() == kMostUnplaced) unplaced_.pop_front();
-  unplaced_.push_back(std::move(unplaced));
+  remember(std::move(unplaced));
+}
+
+void WaitingScans::remember(Unplaced scan) {
+  if (scan.returns.empty() || all_lost_) return;
+  if (unplaced_.size() == kMostUnplaced) {
+    unplaced_.clear();
+    all_lost_ = true;
+    lost_.addEverywhere();
+    return;
+  }
+  unplaced_.push_back(std::move(scan));
+  if (unplaced_.size() <= kMostDetailed) return;
+  Unplaced& older = unplaced_[unplaced_.size() - kMostDetailed - 1];  // those before it are balls already
+  older.returns = LostReturns(cube_m_);
+  older.returns.add(Eigen::Vector3d::Zero(), older.farthest_m);
 }
 
 /// Where the sensor was when each was measured is not kept: they may lie as far apart as it moved within the scan.
@@ -190,6 +211,7 @@ void WaitingScans::tell(LiveStatus& status) const {
   status.waiting = queue_.size();
   status.dropped = drops_;
   status.paused = paused_;
+  status.all_closed = all_lost_;
   status.left_out_returns += left_out_returns_;
   status.motion = times_.words();
 }

@@ -47,7 +47,7 @@ class WaitingScans {
 
   void add(LiveScan scan);
   void pause(bool paused) { paused_ = paused; }
-  /// What scans before saw is forgotten, and scans may come that are earlier.
+  /// What scans before saw is forgotten, those that wait are dropped, and scans may come that are earlier.
   void forgetTaken();
   /// Whether the first one has its turn, or never will.
   [[nodiscard]] bool hasWork() const { return !queue_.empty() && (poses_.levelIsDue() || isSettled(queue_.front())); }
@@ -97,7 +97,10 @@ class WaitingScans {
     LostReturns returns;  ///< in the frame of the sensor, or of the poses
   };
   void place(const Unplaced& scan, const SensorMotion& motion);
+  /// Until its pose comes.
+  void remember(Unplaced scan);
   std::deque<Unplaced> unplaced_;
+  bool all_lost_ = false;  ///< there were too many of them
   int late_in_a_row_ = 0;
   bool paused_ = false;
   std::deque<DroppedScan> dropped_;

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <mutex>
+#include <set>
 #include <utility>
 
 #include "accessvdb/config.h"
@@ -34,6 +36,7 @@ using tiles::TileIndex;
 
 constexpr std::int32_t kLargestTile_voxels = 1 << 16;
 constexpr const char* kManifest = "rolling.json";
+constexpr int kSchema = 1;
 
 /// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of
 /// tiles with edge e, the ones that a scan of range R touches hold about (2 R + e)^2 (1 + 2 m / e)^2, least at
@@ -69,6 +72,40 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
   }
 }
 
+/// Other processes are kept out by io::prepareOutputFolder().
+class FolderInUse {
+ public:
+  FolderInUse() = default;
+  explicit FolderInUse(const fs::path& folder) : folder_(fs::canonical(folder)) {
+    const std::scoped_lock locked(lock());
+    if (folders().insert(folder_).second) return;
+    folder_.clear();
+    throw OutputError("output.locked", folder.string(), "is the folder of another field of this program",
+                      "Wait for its end, or choose another folder");
+  }
+  FolderInUse(FolderInUse&& other) noexcept : folder_(std::exchange(other.folder_, fs::path())) {}
+  FolderInUse& operator=(FolderInUse&& other) noexcept {
+    std::swap(folder_, other.folder_);
+    return *this;
+  }
+  ~FolderInUse() {
+    if (folder_.empty()) return;
+    const std::scoped_lock locked(lock());
+    folders().erase(folder_);
+  }
+
+ private:
+  static std::mutex& lock() {
+    static std::mutex mutex;
+    return mutex;
+  }
+  static std::set<fs::path>& folders() {
+    static std::set<fs::path> in_use;
+    return in_use;
+  }
+  fs::path folder_;
+};
+
 /// Nothing of the user's lies where tiles are written and deleted.
 void requireEmpty(const fs::path& folder) {
   if (!io::isThere(folder, ErrorCode::Output)) return;
@@ -100,7 +137,7 @@ void add(const UpdateStats& of_tile, UpdateStats& stats) {
 
 }  // namespace
 
-struct RollingField::Impl {
+struct ACCESSVDB_PRIVATE RollingField::Impl {
   /// @param resumed  whether the folder is that of an earlier field
   Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
        const TableProgress& progress, bool resumed)
@@ -115,6 +152,7 @@ struct RollingField::Impl {
     requireRolling(params, options, margins);
     if (!resumed) requireEmpty(options.folder);
     io::prepareOutputFolder(options.folder);
+    in_use = FolderInUse(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
   }
 
@@ -145,7 +183,8 @@ struct RollingField::Impl {
     const std::vector<TileIndex> ids = nearestFirst(scan);
     if (!ids.empty()) nearest = ids.front();
     Touched touched;
-    for (const TileIndex& id : ids) touched.emplace_back(id, tileFor(id, first_ids.size(), now));
+    ++attempt;  // also where a step is refused: what it touched may leave in the next
+    for (const TileIndex& id : ids) touched.emplace_back(id, tileFor(id, attempt, now));
     return touched;
   }
 
@@ -160,7 +199,7 @@ struct RollingField::Impl {
     for (const auto& [id, tile] : touched) {
       const tiles::StepSorter::Returns returns = sorter.returnsOf(id, scan);
       if (tile != nullptr) {
-        fuse(id, *tile, returns, moment, fresh, stats);
+        if (fuse(id, *tile, returns, moment, fresh, stats) > 0) noteShort(id, scan);
       } else {
         tiles.leaveOut(id, returns.p_L);
         noteShort(id, scan);
@@ -212,15 +251,16 @@ struct RollingField::Impl {
     RollingTile* tile;
     std::uint32_t id;
   };
-  void fuse(const TileIndex& id, RollingTile& tile, const tiles::StepSorter::Returns& returns, const Moment& moment,
-            std::vector<Fresh>& fresh, FrameStats& stats) {
+  /// @return returns for which the tile has no place
+  std::uint64_t fuse(const TileIndex& id, RollingTile& tile, const tiles::StepSorter::Returns& returns,
+                     const Moment& moment, std::vector<Fresh>& fresh, FrameStats& stats) {
     const internal::PointStore& store = FieldAccess::points(tile.field);
+    tiles.noteChange(id, tile);
     const FrameStats of_tile = FieldAccess::integrateLocal(tile.field, returns.p_L, returns.q_L, moment.stamp_s);
     add(of_tile, stats);
     stats.left_out_returns += of_tile.left_out_returns;
     tile.returns += of_tile.points_used;
     tile.behind = true;
-    tile.as_saved.reset();
     const internal::VoxelColumnBox core = internal::coreOf(tiles::TileId{id.first, id.second, {}}.window(tile_voxels));
     for (auto point = static_cast<std::uint32_t>(tile.ids.size()); point < store.size(); ++point) {
       const internal::Index3 voxel = store.voxelOf(store.first_L(point));
@@ -228,6 +268,7 @@ struct RollingField::Impl {
       if (core.contains(voxel)) fresh.push_back({internal::placeOf(voxel), &tile, point});
     }
     measure(tile);
+    return of_tile.left_out_returns;
   }
   void measure(RollingTile& tile) {
     const tiles::TileBytes before = tile.bytes;
@@ -239,6 +280,8 @@ struct RollingField::Impl {
   /// As in one piece: by the places of their voxels.
   void name(std::vector<Fresh>& fresh) {
     std::sort(fresh.begin(), fresh.end(), [](const Fresh& a, const Fresh& b) { return a.place < b.place; });
+    if (fresh.size() >= RollingTile::kNotOurs - points)
+      throw ResourceLimit("limit.points", "", "the map has more points than there are ids", "Use a larger voxel");
     for (const Fresh& point : fresh) point.tile->ids[point.id] = points++;
   }
 
@@ -305,7 +348,7 @@ struct RollingField::Impl {
     tiles::Json stamps = tiles::Json::array();
     for (const double stamp_s : stamps_s)
       stamps.push_back(std::isfinite(stamp_s) ? tiles::Json(stamp_s) : tiles::Json());
-    tiles::Json json = {{"schema", 1},
+    tiles::Json json = {{"schema", kSchema},
                         {"program", ACCESSVDB_VERSION},
                         {"parameters", describeTools(tools, params)},
                         {"tool_sha256", toolListSha256(tools)},
@@ -322,6 +365,10 @@ struct RollingField::Impl {
     if (const auto latest_s = clock.latest_s()) json["latest_s"] = *latest_s;
     return json;
   }
+  [[noreturn]] void refuseManifest() const {
+    throw InputError("rolling.damaged", (options.folder / kManifest).string(), "says what no field can be",
+                     "Use another folder");
+  }
   void restore(const tiles::Json& json) {
     const auto same = [&](const char* what, const std::string& value) {
       return json.at(what).get<std::string>() == value;
@@ -332,6 +379,7 @@ struct RollingField::Impl {
                           "was made with other tools, parameters or tiles, or by another version",
                           "Use what it was made with, or another folder");
     }
+    if (json.at("schema").get<int>() != kSchema) refuseManifest();
     json.at("points").get_to(points);
     json.at("age_s").get_to(age_s);
     json.at("left_out_returns").get_to(left_out_returns);
@@ -344,12 +392,22 @@ struct RollingField::Impl {
       gate.restoreOrigin(Eigen::Vector3d(origin_W.data()));
       tiles.setOrigin(origin_W);
     }
-    tiles.restore(json.at("tiles"), json.at("lost_tiles").get<std::vector<std::string>>());
+    const bool ordered = std::is_sorted(first_ids.begin(), first_ids.end()) &&
+                         (first_ids.empty() || (first_ids.front() == 0 && first_ids.back() <= points));
+    if (!ordered || first_ids.size() != stamps_s.size() || (!gate.hasOrigin() && !json.at("tiles").empty()))
+      refuseManifest();
+    try {
+      tiles.restore(json.at("tiles"), json.at("lost_tiles").get<std::vector<std::string>>());
+    } catch (const InvalidArgument&) {
+      refuseManifest();
+    }
+    attempt = tiles.latestTouch();
   }
 
   std::vector<ToolSpec> tools;
   FieldParams params;  ///< resolved, for the first tool
   RollingOptions options;
+  FolderInUse in_use;
   tiles::TileMargins margins;
   std::int32_t tile_voxels;
   internal::ScanGate gate;
@@ -360,6 +418,7 @@ struct RollingField::Impl {
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
   std::vector<double> stamps_s;          ///< of each step
   TileIndex nearest = {};                ///< of those that the last step touched
+  std::uint64_t attempt = 0;             ///< of a step
   std::uint32_t points = 0;
   std::uint64_t left_out_returns = 0;
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
@@ -396,7 +455,7 @@ UpdateStats RollingField::update() {
     UpdateStats all;
     for (auto& [id, tile] : impl_->tiles.tilesInMemory()) {
       if (!tile->behind) continue;
-      tile->as_saved.reset();
+      impl_->tiles.noteChange(id, *tile);
       add(tile->field.update(), all);
       tile->behind = false;
       tile->updated = true;
@@ -485,7 +544,6 @@ void RollingField::write(const fs::path& out, const io::WriteOptions& files) {
   const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
   const tiles::Plan plan = impl_->plan();
   io::prepareOutputFolder(out);
-  tiles::writePlan(out, plan);
   tiles::Status status;
   for (const TileIndex& index : impl_->tiles.all()) {
     impl_->tiles.visit(index, now, [&](const RollingTile& tile) {
@@ -505,6 +563,7 @@ void RollingField::write(const fs::path& out, const io::WriteOptions& files) {
       status.done.push_back(std::move(written));
     });
   }
+  tiles::writePlan(out, plan);  // now: a call that failed may be repeated, and finds its tiles
   tiles::writeIndex(out, plan, status);
 }
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <fstream>
 
 #include "accessvdb/error.h"
@@ -21,6 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int kCellsOfEdge = 32;  // of what is left out of a tile that is not there
 constexpr const char *kState = ".state", *kIds = ".ids";
 
 /// Whether a name is one that we give: X_Y.SERIAL.state, X_Y.SERIAL.ids.
@@ -55,7 +57,9 @@ std::vector<std::uint32_t> readIds(const fs::path& file, std::size_t count, cons
   std::vector<std::uint32_t> ids(count);
   static_cast<void>(io::inputFileSize(file));
   std::ifstream in(file, std::ios::binary);
+  if (!in.is_open()) throw InputError("input.unreadable", file.string(), "cannot be opened", "Check its permissions");
   in.read(reinterpret_cast<char*>(ids.data()), static_cast<std::streamsize>(count * sizeof ids[0]));
+  if (in.bad()) throw InputError("input.unreadable", file.string(), "cannot be read to its end", "Check the disk");
   if (!in || in.peek() != std::ifstream::traits_type::eof() || io::sha256OfFile(file) != sha256) {
     throw InputError("state.damaged", file.string(), "is not as it was written", "Use another disk");
   }
@@ -120,9 +124,16 @@ bool RollingTiles::makeRoomFor(const TileIndex& id, std::uint64_t step) {
   RollingTile* const known = inMemory(id);
   if (known != nullptr) known->touched = step;  // it stays
   const auto stored = stored_.find(id);
-  const TileBytes more = known != nullptr ? TileBytes() : stored != stored_.end() ? stored->second.bytes : empty_;
+  TileBytes more;
+  if (known == nullptr) {
+    if (stored != stored_.end()) more = stored->second.bytes;
+    more.memory = std::max(more.memory, empty_.memory);
+    more.device = std::max(more.device, empty_.device);
+  }
   while (!fitsWith(more)) {
-    if (!letOldestGo([step](const TileIndex&, const RollingTile& tile) { return tile.touched == step; })) return false;
+    if (letOldestGo([step](const TileIndex&, const RollingTile& tile) { return tile.touched == step; })) continue;
+    more += use();
+    return isWithin(more);  // what the step may take besides is a guess, and leaves nothing out
   }
   return true;
 }
@@ -156,13 +167,30 @@ void RollingTiles::save(const TileIndex& id, RollingTile& tile) {
     stored.behind = tile.behind;
     stored.bytes = tile.bytes;
     const fs::path ids = file(id, *stored.serial, kIds);
-    tile.field.saveState(file(id, *stored.serial, kState));
-    writeIds(ids, tile.ids);
+    try {
+      tile.field.saveState(file(id, *stored.serial, kState));
+      writeIds(ids, tile.ids);
+    } catch (...) {
+      removeFiles(id, *stored.serial);
+      throw;
+    }
     stored.ids_sha256 = io::sha256OfFile(ids);
     tile.as_saved = std::move(stored);
   }
   ++saved_;
 }
+
+void RollingTiles::noteChange(const TileIndex& id, RollingTile& tile) {
+  if (!tile.as_saved) return;
+  removeUnlessKept(id, *tile.as_saved->serial);
+  tile.as_saved.reset();
+}
+
+void RollingTiles::removeUnlessKept(const TileIndex& id, std::uint64_t serial) const {
+  if (!kept_.contains(serial)) removeFiles(id, serial);
+}
+
+double RollingTiles::cellEdge_m() const { return tile_voxels_ * params_.tsdf.voxel_size_m / kCellsOfEdge; }
 
 void RollingTiles::removeFiles(const TileIndex& id, std::uint64_t serial) const {
   std::error_code ignored;
@@ -178,7 +206,7 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
   const auto stored = stored_.find(id);
   if (stored != stored_.end()) {
     tile = std::make_unique<RollingTile>(load(id, now));
-    if (stored->second.serial && !kept_.contains(*stored->second.serial)) removeFiles(id, *stored->second.serial);
+    if (stored->second.serial && !tile->lost) removeUnlessKept(id, *stored->second.serial);
     stored_.erase(stored);
   } else {
     tile = std::make_unique<RollingTile>(newField(id));
@@ -205,6 +233,13 @@ RollingTile RollingTiles::readBack(const TileIndex& id, const StoredTile& stored
   if (!stored.serial) return RollingTile(newField(id));
   RollingTile tile(
       AccessibilityField::loadState(file(id, *stored.serial, kState), tools_, params_.backend, params_.threads));
+  const FieldWindow window = idOf(id).window(tile_voxels_);
+  const auto& found = tile.field.params().window;
+  if (!found || found->core_low != window.core_low || found->core_high != window.core_high ||
+      tile.field.params().origin_W != params_.origin_W) {
+    throw InputError("state.other", file(id, *stored.serial, kState).string(), "is the state of another tile",
+                     "Restore the folder");
+  }
   const std::size_t points = internal::FieldAccess::points(tile.field).size();
   tile.ids = readIds(file(id, *stored.serial, kIds), points, stored.ids_sha256);
   ++loaded_;
@@ -229,15 +264,19 @@ RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now) {
     const std::string name = idOf(id).name();
     if (std::find(lost_.begin(), lost_.end(), name) == lost_.end()) lost_.push_back(name);
     tile.emplace(startClosed(id));
+    tile->lost = true;
   }
   tile->touched = stored.touched;
   tile->returns = stored.returns;
   tile->updated = stored.updated;
   tile->behind = stored.behind;
-  if (!stored.left_out_L.empty()) {
+  if (!stored.left_out.empty()) {
     std::vector<Eigen::Vector3d> centres_W;
-    for (const Eigen::Vector3f& p_L : stored.left_out_L) centres_W.push_back(worldOf(p_L));
-    tile->field.leaveOut(centres_W, 0);
+    const double edge_m = cellEdge_m();
+    for (const auto& [x, y, z] : stored.left_out)
+      centres_W.push_back(
+          worldOf((Eigen::Vector3d(x, y, z).array() + 0.5).matrix().cast<float>() * static_cast<float>(edge_m)));
+    tile->field.leaveOut(centres_W, edge_m);  // more than half a diagonal
   }
   internal::FieldAccess::advanceTime(tile->field, now.latest_s, now.age_s);
   if (stored.owed || stored.updated) {
@@ -250,8 +289,10 @@ RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now) {
 }
 
 void RollingTiles::leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f> p_L) {
-  std::vector<Eigen::Vector3f>& list = stored_[id].left_out_L;
-  list.insert(list.end(), p_L.begin(), p_L.end());
+  StoredTile& stored = stored_[id];
+  const auto edge_m = static_cast<float>(cellEdge_m());
+  const auto cellOf = [edge_m](float x) { return static_cast<std::int32_t>(std::floor(x / edge_m)); };
+  for (const Eigen::Vector3f& p : p_L) stored.left_out.insert({cellOf(p.x()), cellOf(p.y()), cellOf(p.z())});
 }
 
 std::vector<TileIndex> RollingTiles::all() const {
@@ -274,9 +315,8 @@ Json RollingTiles::saveAll() {
       tile["ids_sha256"] = stored.ids_sha256;
     }
     Json left_out = Json::array();
-    for (const Eigen::Vector3f& p_L : stored.left_out_L)
-      for (const float x : p_L) left_out.push_back(x);
-    tile["left_out_L"] = left_out;
+    for (const auto& cell : stored.left_out) left_out.push_back(cell);
+    tile["left_out"] = left_out;
     tiles.push_back(tile);
   };
   for (const auto& [id, tile] : in_memory_) {
@@ -284,6 +324,7 @@ Json RollingTiles::saveAll() {
       save(id, *tile);
       --saved_;  // it has not left
     }
+    kept_.insert(*tile->as_saved->serial);
     add(id, *tile->as_saved);
   }
   for (const auto& [id, stored] : stored_) add(id, stored);
@@ -307,9 +348,9 @@ void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost) {
       tile.at("ids_sha256").get_to(stored.ids_sha256);
       serial_ = std::max(serial_, *stored.serial + 1);
     }
-    const auto left_out = tile.at("left_out_L").get<std::vector<float>>();
-    for (std::size_t n = 0; n + 2 < left_out.size(); n += 3)
-      stored.left_out_L.emplace_back(left_out[n], left_out[n + 1], left_out[n + 2]);
+    for (const Json& cell : tile.at("left_out")) stored.left_out.insert(cell.get<std::array<std::int32_t, 3>>());
+    if (!id.quarters.empty() || stored_.contains({id.x, id.y}))
+      throw InvalidArgument("usage.tile", id.name(), "is there twice, or no whole tile");
     stored_[{id.x, id.y}] = std::move(stored);
   }
   keep(tiles);
@@ -324,6 +365,13 @@ void RollingTiles::keep(const Json& tiles) {
     std::uint64_t serial = 0;
     if (isOwnName(entry.path().filename().string(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
   }
+}
+
+std::uint64_t RollingTiles::latestTouch() const {
+  std::uint64_t latest = 0;
+  for (const auto& [id, tile] : in_memory_) latest = std::max(latest, tile->touched);
+  for (const auto& [id, stored] : stored_) latest = std::max(latest, stored.touched);
+  return latest;
 }
 
 void RollingTiles::oweUpdate() {

@@ -42,14 +42,14 @@ struct TileBytes {
 
 /// A tile in the folder.
 struct StoredTile {
-  /// Part of its files' names: a file is never written twice. None if the tile has only left_out_L.
+  /// Part of its files' names: a file is never written twice. None if the tile has only left_out.
   std::optional<std::uint64_t> serial;
   std::string ids_sha256;
   std::uint64_t touched = 0, returns = 0;  ///< as in RollingTile
   bool updated = false, behind = false;
   bool owed = false;  ///< an update that others have had
   TileBytes bytes;
-  std::vector<Eigen::Vector3f> left_out_L;  ///< since it was saved
+  std::set<std::array<std::int32_t, 3>> left_out;  ///< cells with returns that were left out since it was saved
 };
 
 /// One tile in memory.
@@ -65,6 +65,7 @@ class RollingTile {
   std::vector<std::uint32_t> ids;  ///< in the larger map, by id in the tile; kNotOurs for points around the core
   std::uint64_t touched = 0;       ///< the last step that brought a return
   std::uint64_t returns = 0;
+  bool lost = false;                   ///< made anew, closed, because its state was damaged
   bool updated = false;                ///< at least once
   bool behind = false;                 ///< a scan came after the last update
   TileBytes bytes;                     ///< as last measured
@@ -89,6 +90,10 @@ class RollingTiles {
   /// The tile in memory; made or loaded, and brought to this time.
   RollingTile& at(const TileIndex& id, const MapTime& now);
   [[nodiscard]] RollingTile* inMemory(const TileIndex& id);
+  /// A tile in memory is about to change: files that were written of it are out of date.
+  void noteChange(const TileIndex& id, RollingTile& tile);
+  /// The latest of all RollingTile::touched.
+  [[nodiscard]] std::uint64_t latestTouch() const;
   /// Returns that the tile will never get. @param p_L  in the local frame of the map
   void leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f> p_L);
   /// A tile in memory that stopped growing goes out and comes back, so that it grows again.
@@ -134,6 +139,8 @@ class RollingTiles {
   [[nodiscard]] RollingTile startClosed(const TileIndex& id);
   void save(const TileIndex& id, RollingTile& tile);
   void removeFiles(const TileIndex& id, std::uint64_t serial) const;
+  void removeUnlessKept(const TileIndex& id, std::uint64_t serial) const;
+  [[nodiscard]] double cellEdge_m() const;
   [[nodiscard]] std::filesystem::path file(const TileIndex& id, std::uint64_t serial, const char* ending) const;
   [[nodiscard]] bool isWithin(const TileBytes& all) const;
   [[nodiscard]] bool fitsWith(TileBytes more) const;

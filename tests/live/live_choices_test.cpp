@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "accessvdb/error.h"
 #include "accessvdb/tool_spec.h"
+#include "io/poses/levelling.h"
 #include "live/live_stream.h"
 
 namespace accessvdb::live_test {
@@ -120,13 +122,13 @@ TEST(LiveChoices, AResetForgetsTheMapAndTakesEarlierTimes) {
     };
     for (std::size_t n = 2; n < 5; ++n) feed(session, n);
     EXPECT_EQ(stepAll(session), 3U);
-    feed(session, 5);  // waits for its turn, and gets it
+    feed(session, 5);                 // waits for its turn
+    session.addScan({stampOf(500)});  // waits for a pose, long after those that come again
     session.reset();
     EXPECT_EQ(session.field().snapshot().points.size(), 0U);
     EXPECT_EQ(session.status().resets, 1U);
-    EXPECT_EQ(session.status().waiting, 1U);
-    EXPECT_EQ(stepAll(session), 1U);
-    session.reset();
+    EXPECT_EQ(session.status().waiting, 0U);
+    EXPECT_EQ(stepAll(session), 0U);
     for (std::size_t n = 0; n < 3; ++n) {
       feed(session, n);
       feed(fresh, n);
@@ -136,7 +138,8 @@ TEST(LiveChoices, AResetForgetsTheMapAndTakesEarlierTimes) {
     }
     expectSameField(session.field(), fresh.field());
     expectAllAccountedFor(session.status());
-    EXPECT_EQ(session.status().allDropped(), 0U);
+    EXPECT_EQ(droppedFor(session, ScanDrop::Reset), 2U);
+    EXPECT_EQ(session.status().allDropped(), 2U);
   }
 }
 
@@ -192,7 +195,8 @@ class LiveLevelling : public ::testing::Test {
       EXPECT_LT((got.points[n].position_W - wanted.points[n].position_W).norm(), 1e-5);
   }
   /// At 200 Hz from a second before the first scan on, when the platform stands where the first scan is.
-  void sendRest(LiveSession& session, const Eigen::Vector3d& shake = Eigen::Vector3d::Zero()) const {
+  void sendRest(LiveSession& session, const Eigen::Vector3d& shake = Eigen::Vector3d::Zero(),
+                const std::string& frame = "imu") const {
     for (int i = 0; i <= 210; ++i) {
       const std::int64_t stamp_ns = stampOf(0) - 1'050'000'000 + i * 5'000'000;
       LivePose pose = tilted(0);
@@ -200,7 +204,7 @@ class LiveLevelling : public ::testing::Test {
       if (i < 210) session.addPose(pose);
       LiveImu imu;
       imu.stamp_ns = stamp_ns;
-      imu.frame = "imu";
+      imu.frame = frame;
       imu.force = pose.q_W_B.inverse() * (R_L_W_.transpose() * Eigen::Vector3d(0, 0, 9.81));
       if (i % 2 == 0) imu.force += shake;
       session.addImu(imu);
@@ -232,6 +236,7 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
   session.addPose(tilted(0));
   EXPECT_FALSE(session.waitForWork(std::chrono::milliseconds(0)));
   EXPECT_FALSE(session.step()) << "it is not known yet what is up";
+  EXPECT_TRUE(session.status().waits_for_level);
   sendRest(session);
   for (std::size_t n = 1; n < scans_.size(); ++n) {
     session.addPose(tilted(n));
@@ -239,10 +244,80 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
     EXPECT_TRUE(session.waitForWork(std::chrono::milliseconds(0)));
   }
   EXPECT_EQ(stepAll(session), scans_.size());
+  EXPECT_FALSE(session.status().waits_for_level);
   ASSERT_TRUE(session.levelling());
   // By the smallest turn, which may leave a yaw: up is up.
   const Eigen::Vector3d up_W = R_L_W_.transpose() * Eigen::Vector3d::UnitZ();
   EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
+}
+
+/// A transform that comes late is waited for; without one, after ten seconds, it is said that there is none.
+TEST_F(LiveLevelling, AnImuThatNothingConnectsYetIsNotTakenForWhatIsPosed) {
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitX()));
+  for (const bool comes : {true, false}) {
+    LiveOptions options;
+    options.level = io::Level{.from_imu = true};
+    LiveSession session(test::armTool(), coarseParams(), options);
+    const auto pose = [&](std::int64_t ms) {
+      LivePose one = tilted(0);
+      one.stamp_ns = stampOf(0) + ms * 1'000'000;
+      one.child = "body";
+      session.addPose(one);
+      return one.q_W_B;
+    };
+    for (std::int64_t ms = -1500; ms <= 3000; ms += 10) {
+      LiveImu imu;
+      imu.stamp_ns = stampOf(0) + ms * 1'000'000;
+      imu.frame = "/imu";
+      const Eigen::Quaterniond q_W_B = pose(ms);
+      imu.force = (comes ? turn.inverse() : Eigen::Quaterniond::Identity()) * q_W_B.inverse() *
+                  (R_L_W_.transpose() * Eigen::Vector3d(0, 0, 9.81));
+      session.addImu(imu);
+    }
+    session.addScan(scanOf(scans_[0], 0));
+    EXPECT_FALSE(session.waitForWork(std::chrono::milliseconds(0)));
+    EXPECT_FALSE(session.step());
+    EXPECT_FALSE(session.levelling());
+    EXPECT_EQ(session.status().unconnected_imu, "");
+    if (comes) {
+      session.addTransform({0, "body", "imu", {0, 0, 0}, turn, true});
+    } else {
+      pose(8400);
+      EXPECT_FALSE(session.step());
+      pose(8600);
+    }
+    EXPECT_TRUE(session.waitForWork(std::chrono::milliseconds(0)));
+    EXPECT_TRUE(session.step());
+    ASSERT_TRUE(session.levelling());
+    const Eigen::Vector3d up_W = R_L_W_.transpose() * Eigen::Vector3d::UnitZ();
+    EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
+    EXPECT_EQ(session.status().unconnected_imu, comes ? "" : "imu");
+  }
+}
+
+/// Squares of such numbers are infinite, and so would be what they are compared with.
+TEST_F(LiveLevelling, WhatNoImuMeasuresIsNotUsed) {
+  LiveOptions options;
+  options.level = io::Level{.from_imu = true};
+  LiveSession session(test::armTool(), coarseParams(), options);
+  for (int i = 0; i <= 210; ++i) {
+    for (const double force : {1e200, 1e308, 1500.0, -std::numeric_limits<double>::infinity()}) {
+      LiveImu imu;
+      imu.stamp_ns = stampOf(0) - 1'050'000'000 + i * 5'000'000;
+      imu.force = Eigen::Vector3d(force, 0, force);
+      session.addImu(imu);
+    }
+  }
+  sendRest(session);
+  session.addPose(tilted(0));
+  session.addScan(scanOf(scans_[0], 0));
+  EXPECT_EQ(stepAll(session), 1U);
+  ASSERT_TRUE(session.levelling());
+  const Eigen::Vector3d up_W = R_L_W_.transpose() * Eigen::Vector3d::UnitZ();
+  EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
+  // Of recordings: what is not finite is not at rest.
+  EXPECT_FALSE(io::upByForce(std::vector<Eigen::Vector3d>(30, {1e200, 0, 1e200})));
+  EXPECT_FALSE(io::upByForce(std::vector<Eigen::Vector3d>(30, {1e308, 0, 1e308})));
 }
 
 TEST_F(LiveLevelling, AnImuThatIsNotAtRestOrThatIsNotThereIsSaid) {

@@ -108,6 +108,39 @@ TEST(LiveLimits, WhatThereWasNoTimeForBlocks) {
   EXPECT_EQ(lost.status().left_out_returns, 0U);
 }
 
+/// Poses may be late by any time: what many scans saw before is remembered, and if it cannot be, everything is closed.
+TEST(LiveLimits, WhatManyScansSawBeforeTheirPosesBlocks) {
+  constexpr std::size_t kFirst = 10;
+  for (const std::size_t lost : {100, 6000}) {
+    LiveOptions options;
+    options.most_waiting_returns = 4000;
+    LiveSession session(rod(), coarseParams(), options);
+    for (std::size_t n = 0; n < kFirst; ++n) {
+      const Scan scan = wallOrPanel(static_cast<int>(n), false);
+      session.addPose(poseOf(scan, n));
+      session.addScan(scanOf(scan, n));
+      ASSERT_TRUE(session.step());
+    }
+    ASSERT_GT(accessible(session.field()), 100U);
+    // The first sees the panel; the others see what is far from here.
+    session.addScan(scanOf(wallOrPanel(0, true), kFirst));
+    for (std::size_t n = 1; n < lost + 40; ++n) session.addScan({stampOf(kFirst + n), {{-9, 0, 0}}});
+    EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), lost);
+    EXPECT_EQ(session.status().all_closed, lost > 4096);
+    for (std::size_t n = 0; n < 3; ++n) session.addPose(poseOf(wallOrPanel(0, true), kFirst + n));
+    EXPECT_FALSE(session.step());
+    EXPECT_EQ(accessible(session.field()), 0U);
+    // For good: not even what is seen later opens.
+    session.addPose(poseOf(wallOrPanel(0, false), kFirst + lost + 40));
+    session.addScan(scanOf(wallOrPanel(0, false), kFirst + lost + 40));
+    EXPECT_GE(stepAll(session), 1U);
+    EXPECT_EQ(accessible(session.field()), 0U);
+    expectAllAccountedFor(session.status());
+    session.reset();
+    EXPECT_FALSE(session.status().all_closed);
+  }
+}
+
 TEST(LiveLimits, AnObstacleThatComesWithTheMemoryFullBlocks) {
   LiveOptions options;
   options.memory_limit_bytes = 1;

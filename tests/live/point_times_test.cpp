@@ -205,14 +205,15 @@ TEST(LiveTimes, OfAnotherUnitOrClockDropTheScan) {
   };
   const LiveSession without = run(nullptr, false);
   EXPECT_EQ(without.status().by_times, 7U);
-  std::vector<double> seconds, clock, uptime, none(kCount, std::numeric_limits<double>::infinity());
+  std::vector<double> seconds, clock, uptime, endless(kCount, std::numeric_limits<double>::infinity()),
+      none(kCount, std::numeric_limits<double>::quiet_NaN());
   for (std::size_t i = 0; i < kCount; ++i) {
     const double t_s = stream.scanner.timeOf(i, kCount);
     seconds.push_back(t_s * 1e12);         // a thousand times as long
     clock.push_back(1.7e18 + 1e9 * t_s);   // a date
     uptime.push_back(3600e9 + 1e9 * t_s);  // since an hour
   }
-  for (const std::vector<double>& wrong : {seconds, clock, uptime}) {
+  for (const std::vector<double>& wrong : {seconds, clock, uptime, endless, none}) {
     const LiveSession with = run(&wrong, true);
     EXPECT_EQ(droppedFor(with, ScanDrop::Unusable), 1U);
     EXPECT_EQ(with.status().taken, 7U);
@@ -230,8 +231,6 @@ TEST(LiveTimes, OfAnotherUnitOrClockDropTheScan) {
   EXPECT_EQ(stepAll(early), 3U);
   EXPECT_EQ(early.status().by_times, 3U);
   EXPECT_EQ(droppedFor(early, ScanDrop::Unusable), 1U);
-  // Nothing that is finite: it has no times, and is used as it is.
-  EXPECT_EQ(run(&none, true).status().by_times, 7U);
   // Fewer times than points, and a unit that is none.
   LiveSession session(test::armTool(), farParams());
   LiveScan few = stream.scan(0), odd = stream.scan(1);
@@ -330,6 +329,36 @@ TEST(LiveTimes, AScanThatThereWasNoTimeForBlocksWhereverItMoved) {
     }
     EXPECT_EQ(session.field().snapshot().count(PointLabel::Accessible), 0U);
   }
+}
+
+/// The scans after it are of another clock and are dropped, one by one: labels follow all the same.
+TEST(LiveTimes, WhatThereWasNoTimeForBlocksAlsoIfTheNextScanIsDropped) {
+  LiveOptions options;
+  options.most_waiting_returns = 8000;
+  LiveSession session(test::boxTool({0, -0.03f, -0.03f}, {0.9f, 0.03f, 0.03f}), coarseParams(), options);
+  const auto send = [&](std::size_t n, float wall_m, double late) {
+    LiveScan scan;
+    scan.stamp_ns = stampOf(n);
+    for (int i = -30; i < 30; ++i)
+      for (int k = -30; k < 30; ++k) {
+        scan.points.emplace_back(wall_m, 0.02F * static_cast<float>(i), 0.02F * static_cast<float>(k));
+        scan.times.push_back(late + 0.001 * (i + 30));
+      }
+    for (const int ms : {0, 99}) session.addPose({stampOf(n) + ms * 1'000'000, {0, 0, 0}});
+    session.addScan(std::move(scan));
+  };
+  for (std::size_t n = 0; n < 10; ++n) {
+    send(n, 2, 0);
+    ASSERT_TRUE(session.step());
+  }
+  ASSERT_GT(session.field().snapshot().count(PointLabel::Accessible), 100U);
+  send(10, 1.2F, 0);
+  send(11, 2, 3600);
+  EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 1U);
+  session.endOfPoses();
+  EXPECT_FALSE(session.step());
+  EXPECT_EQ(droppedFor(session, ScanDrop::Unusable), 1U) << session.status().motion;
+  EXPECT_EQ(session.field().snapshot().count(PointLabel::Accessible), 0U);
 }
 
 }  // namespace

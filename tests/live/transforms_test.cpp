@@ -80,6 +80,25 @@ TEST_F(LiveTransforms, SayWhereTheSensorIs) {
   EXPECT_EQ(status.transforms, 1U);
 }
 
+/// A transform that is none connects nothing: it neither settles a scan nor takes the place of the right one.
+TEST_F(LiveTransforms, ThatAreNoPoseConnectNothing) {
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  LiveTransform odd = fixedLidar("elsewhere"), unturned = fixedLidar(), moving = fixedLidar();
+  odd.p.x() = none;
+  unturned.q = Eigen::Quaterniond(2, 0, 0, 0);
+  moving.fixed = false;
+  moving.stamp_ns = std::numeric_limits<std::int64_t>::max();
+  for (const LiveTransform& bad : {odd, unturned, moving}) session_.addTransform(bad);
+  EXPECT_EQ(session_.status().transforms_invalid, 3U);
+  sendAll();
+  EXPECT_FALSE(session_.step()) << "the right one may come";
+  EXPECT_EQ(session_.status().waiting, scans_.size());
+  session_.addTransform(fixedLidar());
+  EXPECT_EQ(stepAll(session_), scans_.size());
+  EXPECT_EQ(session_.status().transforms_other_parent, 0U);
+  test::expectSameMap(session_.field().volume(), expected_.volume());
+}
+
 /// They come once, and late: scans wait for them.
 TEST_F(LiveTransforms, MayComeLateAndWithSlashes) {
   for (std::size_t n = 0; n < scans_.size(); ++n) {

@@ -33,11 +33,13 @@ done >"$WORK/contents"
 mkdir -p "$WORK/live"
 rm -rf "$WORK/live"/*
 tar -xJf "$tarball" -C "$WORK/live" --strip-components=1
-"$WORK/live/bin/accessvdb" live --help | grep -qF 'over DDS (Fast DDS ' || { echo "no live in the tarball"; bad=1; }
-ls "$WORK/live/libraries" | grep -q '^libfastrtps\.so' || { echo "no Fast DDS in the tarball"; bad=1; }
+says_live() { "$1" live --help >"$WORK/live_help" && grep -qF 'over DDS (Fast DDS ' "$WORK/live_help"; }
+says_live "$WORK/live/bin/accessvdb" || { echo "no live in the tarball"; bad=1; }
+compgen -G "$WORK/live/libraries/libfastrtps.so*" >/dev/null || { echo "no Fast DDS in the tarball"; bad=1; }
 runtime=$(echo "$out"/accessvdb_"$VERSION"_*.deb)
 [[ $(dpkg-deb -f "$runtime" Depends) == *libfastrtps* ]] || { echo "the program's package does not need Fast DDS"; bad=1; }
-dpkg-deb --fsys-tarfile "$runtime" | tar -xO ./usr/bin/accessvdb | grep -qaF 'over DDS (' || { echo "no live in the package"; bad=1; }
+dpkg-deb -x "$runtime" "$WORK/live/deb"
+says_live "$WORK/live/deb/usr/bin/accessvdb" || { echo "no live in the package"; bad=1; }
 
 refuses() {  # refuses TEXT OUT COMMAND...: fails with one line that contains TEXT, and leaves no files
   local text=$1 out=$2 code=0

@@ -29,6 +29,7 @@
 #include "support/box_tool.h"
 #include "support/determinism_support.h"
 #include "support/scratch_folder.h"
+#include "tiles/json_file.h"
 
 namespace accessvdb::test {
 namespace {
@@ -256,6 +257,44 @@ TEST(RollingLimit, IsContainedWhereMemoryIsShort) {
   }
 }
 
+/// Steps of the same place take no room for growth that does not come.
+TEST(RollingLimit, LeavesNothingOutThatFits) {
+  const Case test = {.name = "same_place", .seed = 15};
+  std::vector<Step> steps = walk(test, 4);
+  steps.resize(1);
+  for (int n = 0; n < 12; ++n) steps.push_back(steps.front());
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "states";
+  options.memory_limit_bytes = bytesOfAll(test, steps) * 6 / 5;
+  options.tile_voxels = kTile_voxels;
+  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  for (const Step& step : steps) {
+    integrate(rolling, step, 0);
+    rolling.update();
+    EXPECT_FALSE(rolling.status().memory_short);
+  }
+  EXPECT_EQ(rolling.status().left_out_returns, 0U);
+}
+
+/// Whatever is left out is said, also where it is of the nearest tile.
+TEST(RollingLimit, IsSaidWhereItIsReached) {
+  const Case test = {.name = "said", .seed = 16};
+  const std::vector<Step> steps = walk(test, 20);
+  const ScratchFolder scratch;
+  RollingField rolling(toolsOf(test), paramsOf(test),
+                       {.folder = scratch / "states", .memory_limit_bytes = 8'000'000, .tile_voxels = 1024});
+  std::uint64_t before = 0;
+  for (const Step& step : steps) {
+    integrate(rolling, step, 0);
+    rolling.update();
+    const RollingStatus status = rolling.status();
+    EXPECT_EQ(status.left_out_returns > before, status.memory_short);
+    before = status.left_out_returns;
+  }
+  EXPECT_GT(before, 0U);
+}
+
 /// A state that is damaged costs its tile, in words, and no other.
 TEST(RollingLoss, IsOneTileThatIsNamed) {
   const Case test = {.name = "loss", .seed = 9};
@@ -332,6 +371,7 @@ TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
       if (saved_at == 0 || random() % 6 != 0) continue;
       left_before += rolling->status().saved;
       writeBytes(options.folder / "letter.txt", "of the user");
+      rolling.reset();
       rolling = std::make_unique<RollingField>(RollingField::resume(toolsOf(test), paramsOf(test), options));
       EXPECT_EQ(rolling->status().steps, saved_at);
       EXPECT_EQ(bytesOf(options.folder / "letter.txt"), "of the user");
@@ -384,6 +424,30 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   RollingOptions larger = options;
   larger.tile_voxels = 1024;
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), larger), "rolling.changed");
+  {
+    const RollingField user = RollingField::resume(toolsOf(test), paramsOf(test), options);
+    EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "output.locked") << "two fields in one folder";
+  }
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
+  // With a right hash, but what no field writes.
+  const auto with = [&](const std::function<void(nlohmann::ordered_json&)>& change) {
+    const std::string good = bytesOf(options.folder / "rolling.json");
+    nlohmann::ordered_json json = nlohmann::ordered_json::parse(good);
+    json.erase("sha256");
+    change(json);
+    tiles::writeJson(options.folder / "rolling.json", json);
+    const std::string id = refused(toolsOf(test), paramsOf(test), options);
+    writeBytes(options.folder / "rolling.json", good);
+    return id;
+  };
+  EXPECT_EQ(with([](auto& json) { json["tiles"].push_back(json["tiles"][0]); }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["tiles"][0]["tile"] = "0_0.03"; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["first_ids"].clear(); }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["points"] = 1; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json.erase("origin_W"); }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["schema"] = 2; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["tiles"] = 3; }), "rolling.damaged");
+  EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
   // A new field does not begin in it.
   EXPECT_THROW(RollingField(toolsOf(test), paramsOf(test), options), OutputError);
   std::string manifest = bytesOf(options.folder / "rolling.json");
@@ -469,6 +533,7 @@ std::vector<Case> cases() {
                    .tools = 1 + static_cast<int>(random() % 2),
                    .ray_cloud = random() % 3 == 0,
                    .memory_share = uniform(random, 0.65, 0.8)});
+    if (all.back().update_every == 0) all.back().memory_share = 0.5;  // of tiles that were never scored
   }
   return all;
 }

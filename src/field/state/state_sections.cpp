@@ -96,7 +96,10 @@ void SectionReader::refuse(const std::string& what) const {
 void SectionReader::readRaw(void* to, std::size_t bytes) {
   if (bytes > file_left_) refuse("the file ends too early");
   in_.read(static_cast<char*>(to), static_cast<std::streamsize>(bytes));
-  if (!in_ || static_cast<std::size_t>(in_.gcount()) != bytes) refuse("reading the file failed");
+  if (!in_ || static_cast<std::size_t>(in_.gcount()) != bytes) {
+    throw InputError("input.unreadable", io::forMessage(file_.native()), "cannot be read to its end",
+                     "Check its permissions and the disk");
+  }
   file_left_ -= bytes;
 }
 

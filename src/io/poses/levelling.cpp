@@ -34,7 +34,9 @@ std::optional<Eigen::Vector3d> upByForce(const std::vector<Eigen::Vector3d>& for
   double square = 0;
   for (const Eigen::Vector3d& force : force_W) square += (force - mean).squaredNorm();
   const double spread = std::sqrt(square / static_cast<double>(force_W.size()));
-  if (!(mean.norm() > 0) || !(spread <= kRestSpread * mean.norm())) return std::nullopt;
+  if (!(mean.norm() > 0) || !std::isfinite(mean.norm()) || !std::isfinite(spread) ||
+      !(spread <= kRestSpread * mean.norm()))
+    return std::nullopt;
   return mean.normalized();
 }
 

@@ -36,7 +36,10 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   flags.describe(
       "live",
       "Labels while the scanner runs: clouds, odometry and transforms of ROS 2 in, labelled points out, over DDS (" +
-          dds::middleware() + ").",
+          dds::middleware() + "). Takes commands on " + dds::kCommandTopic +
+          ", std_msgs/String with JSON such as {\"id\": 7, \"command\": \"save\"}: save, checkpoint, reset, remove, "
+          "pause, "
+          "resume.",
       "accessvdb live --cloud /livox/lidar --odom /Odometry --extrinsic=-0.011,-0.023,0.044 --tool builtin:pruner "
       "--voxel 0.05 --out out/\n"
       "  accessvdb live --cloud /cloud_registered --odom /Odometry --config live.toml --network --out out/");

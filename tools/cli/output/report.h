@@ -69,6 +69,7 @@ struct LiveAnswer {
 
 struct LiveCommandReport {
   std::uint64_t received = 0, done = 0, refused = 0;
+  std::uint64_t unanswered = 0;     ///< of received: they came while too many answers waited to be published
   std::vector<LiveAnswer> answers;  ///< the latest ones
 };
 

@@ -305,7 +305,7 @@ bool Checkpoints::due() const {
 }
 
 bool Checkpoints::write(const AccessibilityField& field, const RunProgress& progress) {
-  if (folder_.empty()) return false;
+  if (folder_.empty() || progress.scansFused() == 0) return false;  // there is nothing to go on from
   if (written_scans_ == progress.scansFused()) return true;
   bool written = false;
   try {
@@ -313,9 +313,9 @@ bool Checkpoints::write(const AccessibilityField& field, const RunProgress& prog
     written_scans_ = progress.scansFused();
     written = true;
   } catch (const OutputError& error) {
-    messages_.warning("checkpoint.failed", std::string("no checkpoint was written: ") + error.what());
+    warnOnce(std::string("no checkpoint was written: ") + error.what());
   } catch (const InputError& error) {
-    messages_.warning("checkpoint.failed", std::string("the checkpoint cannot be read: ") + error.what());
+    warnOnce(std::string("the checkpoint cannot be read: ") + error.what());
   }
   std::error_code ignored;
   if (generation_ == 0) fs::remove(folder_ / kManifest, ignored);  // it announces a state that has failed
@@ -323,9 +323,14 @@ bool Checkpoints::write(const AccessibilityField& field, const RunProgress& prog
   return written;
 }
 
+/// Warnings are kept for the report, and a run may try for days.
+void Checkpoints::warnOnce(const std::string& text) {
+  if (!std::exchange(warned_, true)) messages_.warning("checkpoint.failed", text);
+}
+
 void Checkpoints::sayHowToGoOn() const {
-  if (folder_.empty() || written_scans_ == 0) return;
-  messages_.notice("--resume " + folder_.string() + " goes on after scan " + std::to_string(written_scans_));
+  if (folder_.empty() || !written_scans_) return;
+  messages_.notice("--resume " + folder_.string() + " goes on after scan " + std::to_string(*written_scans_));
 }
 
 void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& progress) {

@@ -71,11 +71,11 @@ class Checkpoints {
 
   /// Whether --checkpoint-every has passed since the last one.
   [[nodiscard]] bool due() const;
-  /// Writes one, unless there is nothing new. If that fails, a warning says so, and the run goes on.
+  /// Writes one, unless there is nothing new. If that fails, a warning says so the first time, and the run goes on.
   /// @return whether the last one is of that field
   bool write(const AccessibilityField& field, const RunProgress& progress);
   /// The field changed by more than scans: the next one is written in any case.
-  void noteChange() { written_scans_ = static_cast<std::uint64_t>(-1); }
+  void noteChange() { written_scans_.reset(); }
   /// For a run that was stopped.
   void sayHowToGoOn() const;
 
@@ -87,6 +87,7 @@ class Checkpoints {
   void writeBoth(const AccessibilityField& field, const RunProgress& progress);
   void saveAs(std::uint64_t generation, const AccessibilityField& field, const RunProgress& progress) const;
   void writeManifest(const std::string& text) const;
+  void warnOnce(const std::string& text);
   void forgetUnlessNamed(std::uint64_t generation) noexcept;
   void refuseOthers() const;
   [[nodiscard]] std::uint64_t freeAfter(std::uint64_t generation) const;
@@ -98,8 +99,9 @@ class Checkpoints {
   std::filesystem::path folder_;  ///< empty without --checkpoint and --resume
   std::filesystem::path from_;    ///< state of resumed()
   double every_s_ = 0;
-  std::uint64_t generation_ = 0;     ///< of the last one in the folder
-  std::uint64_t written_scans_ = 0;  ///< in the last one
+  std::uint64_t generation_ = 0;                ///< of the last one in the folder
+  std::optional<std::uint64_t> written_scans_;  ///< in the last one, if it is of the field as it is
+  bool warned_ = false;
   std::optional<RunProgress> resumed_;
   [[nodiscard]] std::map<std::string, std::string> reading() const;
 

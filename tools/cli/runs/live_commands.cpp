@@ -17,8 +17,25 @@ using Json = nlohmann::json;
 
 constexpr std::array<const char*, 6> kNames = {"save", "checkpoint", "reset", "remove", "pause", "resume"};
 constexpr std::size_t kMostWaiting = 100, kMostWords = 300;
+/// While so many answers have not been published, what comes is only counted.
+constexpr std::size_t kMostUnpublished = 200;
 
 const char* nameOf(LiveCommandKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
+
+/// @param problem  what is wrong with it, if there is something @return nothing then
+Json objectIn(const std::string& text, std::string& problem) {
+  problem = "is no JSON object";
+  try {
+    Json message = Json::parse(text);
+    if (!message.is_object()) return {};
+    problem = "";
+    return message;
+  } catch (const Json::out_of_range&) {
+    problem = "has a number that does not fit";
+  } catch (const Json::exception&) {  // no JSON
+  }
+  return {};
+}
 
 /// Numbers and short texts are ids; whatever else was sent is none.
 std::string idOf(const Json& message) {
@@ -49,14 +66,13 @@ std::optional<std::string> readBox(const Json& message, LiveCommand& command) {
 }  // namespace
 
 void LiveCommands::receive(const std::string& text) {
-  const Json message = Json::parse(text, nullptr, false);
   LiveAnswer refused;
+  const Json message = objectIn(text, refused.words);
   LiveCommand command;
   const bool object = message.is_object();
   if (object) refused.id = command.id = idOf(message);
   const auto word = object ? message.find("command") : message.end();
-  if (message.is_discarded() || !object) {
-    refused.words = "is no JSON object";
+  if (!object) {  // said already
   } else if (word == message.end() || !word->is_string()) {
     refused.words = "has no \"command\"";
   } else {
@@ -71,6 +87,10 @@ void LiveCommands::receive(const std::string& text) {
   }
   const std::scoped_lock locked(lock_);
   ++report_.received;
+  if (unpublished_ >= kMostUnpublished) {
+    ++report_.unanswered;
+    return;
+  }
   if (refused.words.empty() && waiting_.size() == kMostWaiting)
     refused.words = "comes while " + std::to_string(kMostWaiting) + " others wait";
   if (refused.words.empty()) {
@@ -80,9 +100,15 @@ void LiveCommands::receive(const std::string& text) {
   }
 }
 
+void LiveCommands::beginTurn() {
+  const std::scoped_lock locked(lock_);
+  of_turn_ = std::min(waiting_.size(), kMostOfTurn);
+}
+
 std::optional<LiveCommand> LiveCommands::next() {
   const std::scoped_lock locked(lock_);
-  if (waiting_.empty()) return std::nullopt;
+  if (of_turn_ == 0) return std::nullopt;
+  --of_turn_;
   LiveCommand command = std::move(waiting_.front());
   waiting_.pop_front();
   return command;
@@ -94,22 +120,46 @@ void LiveCommands::answer(const LiveCommand& command, bool done, const std::stri
 }
 
 void LiveCommands::add(LiveAnswer answer) {
-  constexpr std::size_t kKept = 32;
   answer.words = printable(answer.words.substr(0, kMostWords));
   ++(answer.done ? report_.done : report_.refused);
-  if (report_.answers.size() == kKept) report_.answers.erase(report_.answers.begin());
-  report_.answers.push_back(std::move(answer));
-  news_ = true;
+  answers_.push_back(std::move(answer));
+  ++unpublished_;
+  forgetOld();
+}
+
+void LiveCommands::forgetOld() {
+  while (answers_.size() > std::max(kOfPage, unpublished_)) answers_.pop_front();
+}
+
+/// With the last answers before that one.
+LiveCommandReport LiveCommands::page(std::size_t end) const {
+  LiveCommandReport page = report_;
+  const std::size_t begin = end - std::min(end, kOfPage);
+  for (std::size_t n = begin; n < end; ++n) page.answers.push_back(answers_[n]);
+  return page;
 }
 
 LiveCommandReport LiveCommands::report() const {
   const std::scoped_lock locked(lock_);
-  return report_;
+  return page(answers_.size());
 }
 
-bool LiveCommands::takeNews() {
+std::vector<LiveCommandReport> LiveCommands::takePages() {
   const std::scoped_lock locked(lock_);
-  return std::exchange(news_, false);
+  std::vector<LiveCommandReport> pages;
+  std::size_t said = answers_.size() - unpublished_;
+  do {
+    said = std::min(said + kOfPage, answers_.size());
+    pages.push_back(page(said));
+  } while (said < answers_.size());
+  unpublished_ = 0;
+  forgetOld();
+  return pages;
+}
+
+bool LiveCommands::hasNews() const {
+  const std::scoped_lock locked(lock_);
+  return unpublished_ > 0;
 }
 
 }  // namespace accessvdb::tools

@@ -31,21 +31,32 @@ class LiveCommands {
  public:
   /// From threads of the middleware. What is no command is answered in words.
   void receive(const std::string& text);
-  /// The oldest that has no answer yet.
+  /// From now on next() gives those that wait now, and no more than a few: scans have their turn, too.
+  void beginTurn();
+  static constexpr std::size_t kMostOfTurn = 8;
+  /// The oldest that has no answer yet, as long as the turn goes on.
   [[nodiscard]] std::optional<LiveCommand> next();
   /// @param words  what was done, or why not
   void answer(const LiveCommand& command, bool done, const std::string& words);
-  /// Of all so far, with the latest answers; and whether there are answers that were not asked for before.
+  /// Of all so far, with the latest kOfPage answers.
   [[nodiscard]] LiveCommandReport report() const;
-  [[nodiscard]] bool takeNews();
+  /// The same to be published, as often as it takes until each answer that was not was in one.
+  [[nodiscard]] std::vector<LiveCommandReport> takePages();
+  /// Whether there are answers that were not in one.
+  [[nodiscard]] bool hasNews() const;
+  static constexpr std::size_t kOfPage = 32;
 
  private:
   void add(LiveAnswer answer);
+  void forgetOld();
+  [[nodiscard]] LiveCommandReport page(std::size_t end) const;
 
   mutable std::mutex lock_;
   std::deque<LiveCommand> waiting_;
-  LiveCommandReport report_;
-  bool news_ = false;
+  std::size_t of_turn_ = 0;
+  LiveCommandReport report_;        ///< without answers
+  std::deque<LiveAnswer> answers_;  ///< the last ones have not been published
+  std::size_t unpublished_ = 0;
 };
 
 }  // namespace accessvdb::tools

@@ -17,6 +17,7 @@ constexpr int kMostChangesSaid = 5;
 
 void LiveWords::tell(const LiveStatus& status) {
   warnOfNoneTaken(status);
+  warnOfAllClosed(status);
   sayFrames(status);
   if (!status.motion.empty() && status.motion != std::exchange(said_motion_, status.motion) &&
       changes_said_++ < kMostChangesSaid)
@@ -27,6 +28,14 @@ void LiveWords::tell(const LiveStatus& status) {
                                               ", the limit: the map no longer grows, and what it has no place for "
                                               "blocks; what it has is still updated");
   }
+}
+
+void LiveWords::warnOfAllClosed(const LiveStatus& status) {
+  if (!status.all_closed || std::exchange(said_closed_, true)) return;
+  messages_.warning("live.all_closed",
+                    "more scans were lost before their poses came than can be remembered: nothing is accessible any "
+                    "more, since what they saw may be anywhere. Once " +
+                        options_.odom + " keeps up, send the command reset or start this run again");
 }
 
 /// Clocks that jump, or differ: scans go on to come, and not one of them is taken. Many at once is not that: they have
@@ -70,6 +79,13 @@ void LiveWords::sayFrames(const LiveStatus& status) {
                                          " are dropped: no transform connects it to what " + options_.odom +
                                          " poses. Publish it on /tf_static, or give --extrinsic");
   }
+  if (!status.unconnected_imu.empty() && !std::exchange(said_imu_, true)) {
+    messages_.warning("live.imu_frame", "no transform connects the frame " +
+                                            printable(status.unconnected_imu.substr(0, 100)) + " of " + options_.imu +
+                                            " to what " + options_.odom +
+                                            " poses: it is taken to lie as that, and the map is turned by what it "
+                                            "feels. Publish it on /tf_static, or give --level ROLL,PITCH");
+  }
   constexpr double kFar_m = 5;  // as for recordings
   if (status.extrinsic_m > kFar_m && !std::exchange(said_far_, true)) {
     messages_.warning("poses.extrinsic", "the sensor is " + numberText(std::round(10 * status.extrinsic_m) / 10) +
@@ -80,23 +96,34 @@ void LiveWords::sayFrames(const LiveStatus& status) {
 }
 
 void LiveWords::sayProgress(const LiveStatus& status, const dds::Participant& participant) const {
-  const dds::TopicState clouds = participant.state(dds::Input::Clouds), poses = participant.state(dds::Input::Poses);
+  LiveInputs inputs;
+  for (int n = 0; n < dds::kNumInputs; ++n)
+    inputs[static_cast<std::size_t>(n)] = participant.state(static_cast<dds::Input>(n));
+  messages_.progress(progressInWords(status, inputs));
+}
+
+std::string LiveWords::progressInWords(const LiveStatus& status, const LiveInputs& inputs) const {
+  const auto of = [&](dds::Input input) -> const dds::TopicState& { return inputs[static_cast<std::size_t>(input)]; };
+  const dds::TopicState &clouds = of(dds::Input::Clouds), &poses = of(dds::Input::Poses);
   std::string text = std::to_string(status.taken) + " of " + std::to_string(status.published) + " scans taken, " +
                      std::to_string(status.allDropped()) + " dropped, " + std::to_string(status.surface_points) +
                      " points, latency " + numberText(std::round(status.latency_p50_ms)) + " ms, p99 " +
                      numberText(std::round(status.latency_p99_ms)) + " ms";
   if (clouds.senders == 0) text += "; nobody publishes " + options_.cloud;
   if (poses.senders == 0) text += "; nobody publishes " + options_.odom;
+  if (status.waits_for_level) {
+    if (of(dds::Input::Imu).senders == 0) text += "; nobody publishes " + options_.imu;
+    text += "; scans wait until " + options_.imu + " says what is level";
+  }
   if (clouds.senders > 0 && clouds.received == 0 && poses.received > 0)
     text += "; nothing of " + options_.cloud + " arrives: are its messages larger than --max-message " +
             options_.max_message + "?";
-  for (int n = 0; n < dds::kNumInputs; ++n) {
-    const dds::TopicState state = participant.state(static_cast<dds::Input>(n));
+  for (const dds::TopicState& state : inputs) {
     if (state.malformed == 0) continue;
     text += "; " + state.topic + ": " + std::to_string(state.malformed) + " unusable messages, the last " +
             state.last_problem.substr(0, 200);
   }
-  messages_.progress(text);
+  return text;
 }
 
 }  // namespace accessvdb::tools

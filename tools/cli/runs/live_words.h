@@ -13,6 +13,9 @@
 
 namespace accessvdb::tools {
 
+/// By dds::Input.
+using LiveInputs = std::array<dds::TopicState, dds::kNumInputs>;
+
 class LiveWords {
  public:
   LiveWords(const LiveRunOptions& options, Messages& messages) : options_(options), messages_(messages) {}
@@ -21,14 +24,16 @@ class LiveWords {
   void tell(const LiveStatus& status);
   /// One line about how it goes, not kept for the report.
   void sayProgress(const LiveStatus& status, const dds::Participant& participant) const;
+  [[nodiscard]] std::string progressInWords(const LiveStatus& status, const LiveInputs& inputs) const;
 
  private:
+  void warnOfAllClosed(const LiveStatus& status);
   void warnOfNoneTaken(const LiveStatus& status);
   void sayFrames(const LiveStatus& status);
 
   const LiveRunOptions& options_;
   Messages& messages_;
-  bool said_full_ = false, said_far_ = false, said_unconnected_ = false;
+  bool said_full_ = false, said_closed_ = false, said_imu_ = false, said_far_ = false, said_unconnected_ = false;
   std::string said_motion_, said_chain_;
   int changes_said_ = 0;
   // To see when no scan is taken any more: what was dropped when the last one was, and when looked at last.

@@ -7,6 +7,7 @@
 #include <csignal>
 #include <filesystem>
 #include <sstream>
+#include <stdexcept>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
@@ -43,17 +44,22 @@ constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply
 constexpr std::size_t kTimedScans = 10000;
 /// More points are not sent as one message: 60 MB.
 constexpr std::size_t kMostSentPoints = 1500000;
+/// No further command is begun then before the next scan.
+constexpr double kMostOfTurn_s = 0.05;
 constexpr auto kWordsEvery = std::chrono::seconds(5);
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+/// Why a command cannot be done.
+struct Refused : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
 
 /// One run. Its report is always complete, so that it can be written whatever happens.
 class LiveRun {
  public:
   LiveRun(const LiveRunOptions& options, Messages& messages) : options_(options), messages_(messages) {
-    for (StageTimes* times : {&report_.frame, &report_.integrate, &report_.mirror, &report_.update, &report_.score,
-                              &report_.changed_leaves, &report_.mirror_bytes})
-      *times = StageTimes(kTimedScans);
+    forgetCounts();
   }
 
   /// @return 128 + the signal that stopped it
@@ -68,6 +74,7 @@ class LiveRun {
   void takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log);
   static dds::OutgoingFrame outgoing(const LiveSession& session);
   void note(const LiveStep& step);
+  void forgetCounts();
   void publishPoints(const LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
   void obey(LiveSession& session, dds::Participant& participant);
@@ -85,21 +92,24 @@ class LiveRun {
   bool refused_ = false;  // existing outputs must stay
   bool said_many_ = false, said_disagree_ = false;
   std::int64_t last_stamp_ns_ = 0;
+  std::uint64_t scans_ever_ = 0;                      // resets do not count
   std::uint64_t sent_after_scans_ = 0, sent_to_ = 0;  // of the last message with all points
   Clock::time_point start_ = Clock::now();
 };
 
 void LiveRun::claimOutputFolder() {
   const fs::path out = options_.map.out;
+  std::vector<std::string> files(std::begin(kOutputs), std::end(kOutputs));
+  if (options_.map.exported.points_format == "las") files.emplace_back("points.las");
   if (options_.map.no_clobber) {
-    for (const char* file : kOutputs) {
+    for (const std::string& file : files) {
       if (!io::isTaken(out / file, ErrorCode::Output)) continue;
       refused_ = true;
       throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
                         "Choose another --out folder");
     }
   }
-  const Paths outputs = inFolder(out, {std::begin(kOutputs), std::end(kOutputs)});
+  const Paths outputs = inFolder(out, files);
   requireNoInputs(joined(outputs, {options_.scan_log}), namedInputs(options_.map));
   requireOwn(outputs);
   io::prepareOutputFolder(out);
@@ -139,7 +149,26 @@ void LiveRun::note(const LiveStep& step) {
   report_.changed_leaves.add(static_cast<double>(step.fused.changed_leaves));
   report_.mirror_bytes.add(static_cast<double>(step.fused.mirror_bytes));
   ++report_.scans;
+  ++scans_ever_;
   last_stamp_ns_ = step.stamp_ns;
+}
+
+/// What is said of a map, its files and how long it took. What was given, and what came since the start, stays.
+void LiveRun::forgetCounts() {
+  RunReport report;
+  report.device = report_.device;
+  report.device_note_id = report_.device_note_id;
+  report.device_note = report_.device_note;
+  report.parameters = std::move(report_.parameters);
+  report.inputs = std::move(report_.inputs);
+  report.tools = std::move(report_.tools);
+  for (ReportedTool& tool : report.tools) tool.accessible = 0;
+  report.live = std::move(report_.live);
+  for (StageTimes* times : {&report.frame, &report.integrate, &report.mirror, &report.update, &report.score,
+                            &report.changed_leaves, &report.mirror_bytes})
+    *times = StageTimes(kTimedScans);
+  report_ = std::move(report);
+  surface_W_.setEmpty();
 }
 
 /// Points go out in the frame of the odometry, whatever was turned level here.
@@ -162,9 +191,9 @@ void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, Scan
 /// All points, if somebody listens and has not had them.
 void LiveRun::publishPoints(const LiveSession& session, dds::Participant& participant) {
   const std::uint64_t listeners = participant.subscribers(dds::Output::Points);
-  const bool changed = report_.scans != sent_after_scans_ || listeners > sent_to_;
+  const bool changed = scans_ever_ != sent_after_scans_ || listeners > sent_to_;
   sent_to_ = listeners;
-  if (listeners == 0 || !changed || report_.scans == 0) return;
+  if (listeners == 0 || !changed || scans_ever_ == 0) return;
   const auto points = session.field().points();
   if (points->size() > kMostSentPoints) {
     if (!std::exchange(said_many_, true)) {
@@ -175,41 +204,49 @@ void LiveRun::publishPoints(const LiveSession& session, dds::Participant& partic
     return;
   }
   participant.publish(dds::Output::Points, dds::cloudMessage(*points, last_stamp_ns_, outgoing(session)));
-  sent_after_scans_ = report_.scans;
+  sent_after_scans_ = scans_ever_;
 }
 
 void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
   report_.live = LiveReport{session.status()};
-  report_.live->commands = commands_.report();
   for (int n = 0; n < dds::kNumInputs; ++n) {
     const dds::TopicState state = participant.state(static_cast<dds::Input>(n));
     report_.live->malformed += state.malformed;
     report_.live->lost += state.lost;
   }
-  participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
+  for (LiveCommandReport& page : commands_.takePages()) {
+    report_.live->commands = std::move(page);
+    participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
+  }
   report_.agreement = session.agreement();
   if (const auto warning = agreementWarning(*report_.agreement); warning && !std::exchange(said_disagree_, true))
     messages_.warning("poses.disagree", *warning);
   words_.tell(report_.live->status);
 }
 
-/// One after the other, each answered at once.
+/// One after the other, each answered at once. Whoever sends ever more of them keeps neither scans nor the end waiting.
 void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
-  while (const auto command = commands_.next()) {
+  const Clock::time_point began = Clock::now();
+  commands_.beginTurn();
+  while (stopSignal() == 0 && secondsSince(began) < kMostOfTurn_s) {
+    const auto command = commands_.next();
+    if (!command) break;
     try {
       commands_.answer(*command, true, carryOut(*command, session, participant));
+    } catch (const Refused& refused) {
+      commands_.answer(*command, false, refused.what());
     } catch (const Error& error) {
       if (error.code() == ErrorCode::Device || error.code() == ErrorCode::Internal) throw;
       commands_.answer(*command, false, error.what());
     }
     publishStatus(session, participant);
   }
-  if (commands_.takeNews()) publishStatus(session, participant);
+  if (commands_.hasNews()) publishStatus(session, participant);
 }
 
-/// @return what was done, in words  @throws Error for what could not be done; nothing has changed then
+/// @return what was done, in words  @throws Refused, Error for what could not be done; nothing has changed then
 std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant) {
-  const auto refuse = [](const std::string& why) { throw UnusableInput("live.command", "this command", why, ""); };
+  const auto refuse = [](const std::string& why) { throw Refused(why); };
   const auto showPoints = [&](const std::vector<SurfacePoint>& changed) {
     if (!changed.empty() && participant.subscribers(dds::Output::Changes) > 0)
       participant.publish(dds::Output::Changes, dds::cloudMessage(changed, last_stamp_ns_, outgoing(session)));
@@ -223,6 +260,8 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out;
     case LiveCommandKind::Checkpoint: {
       if (options_.map.checkpoint.empty()) refuse("cannot be done: the program was started without --checkpoint");
+      if (report_.scans == 0) refuse("cannot be done: there is no scan in the map");
+      checkpoints_.noteChange();  // what was lost may have closed something since, without a scan
       RunProgress progress;
       progress.next_step = progress.steps = report_.scans;
       progress.points_in = report_.points_in;
@@ -232,6 +271,7 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
     }
     case LiveCommandKind::Reset:
       session.reset();
+      forgetCounts();
       checkpoints_.noteChange();
       showPoints({});
       return "the map is empty";
@@ -352,7 +392,7 @@ int LiveRun::run() {
   }
   const int signal = stopSignal();
   messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
-                   numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(report_.scans) + " of " +
+                   numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(scans_ever_) + " of " +
                    std::to_string(report_.live->status.published) + " scans taken" +
                    (session.field().points()->size() > 0 ? "" : "; nothing to save"));
   if (session.field().points()->size() > 0) finish(session);
