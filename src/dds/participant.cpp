@@ -39,7 +39,7 @@ constexpr std::uint32_t kMostTransformBytes = 256U << 10;
 constexpr int kHeldMessages = 4;
 /// Places of messages of one topic, also of those that are being put together from fragments: a sender that is killed
 /// inside one keeps its place until it is noticed to be gone, ten seconds later, and must not take that of another.
-constexpr int kMessagePlaces = kHeldMessages + kMostParticipants;
+constexpr int kMessagePlaces = kHeldMessages + 64;
 
 /// As Input numbers them.
 std::vector<WantedTopic> wantedTopics(const ParticipantOptions& options, const Receivers& to) {
