@@ -111,6 +111,10 @@ struct ScanRecord {
   std::string skipped = {};            ///< why there are no points: the scan cannot be used; empty for all others
 };
 
+/// ScanRecord::attributes in as many columns as a field has, where the record is of scans that were read with others:
+/// what is missing at the end of a row is kNoAttribute, what is too much is left out.
+[[nodiscard]] ACCESSVDB_API std::vector<std::int32_t> attributesFor(const ScanRecord& record, std::size_t columns);
+
 struct InputFile {
   std::string path;
   std::string sha256;

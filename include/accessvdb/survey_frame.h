@@ -7,9 +7,11 @@
 #include <cstdint>
 #include <string>
 
+#include "accessvdb/export.h"
+
 namespace accessvdb {
 
-struct SurveyFrame {
+struct ACCESSVDB_API SurveyFrame {
   std::string wkt = {};                                         ///< well-known text, without a zero at its end
   std::string geo_keys = {}, geo_doubles = {}, geo_texts = {};  ///< GeoTIFF records 34735 to 34737, byte by byte
   bool wkt_counts = false;                                      ///< where there are both
@@ -19,6 +21,9 @@ struct SurveyFrame {
   bool first_returns = false;      ///< returns carry their GPS time and class (kFirstReturnNames), for points.las
 
   [[nodiscard]] bool hasSystem() const { return !wkt.empty() || !geo_keys.empty(); }
+  /// Of what the file says of the system; empty without one. Files of one program say the same system with the same
+  /// bytes; what differs may be the same in other words, or another datum some metres away, which nothing else shows.
+  [[nodiscard]] std::string systemSha256() const;
 };
 
 /// What returns carry for points.las alone: the halves of the GPS time's 64 bits, low first, and the class. As names of

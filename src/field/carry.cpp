@@ -6,9 +6,12 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <iterator>
 #include <set>
+#include <span>
 
 #include "accessvdb/error.h"
+#include "accessvdb/survey_frame.h"
 
 namespace accessvdb {
 namespace {
@@ -21,7 +24,7 @@ constexpr std::array<std::string_view, 41> kOurs = {
     "n",      "cd",    "pscale",      "direction", "scan", "index", "accessible", "blocked",      "unscored", "alpha",
     "group"};
 constexpr std::size_t kLongestColumn = 31;  // and a byte for the end, as LAS has it
-constexpr std::size_t kMostCarried = 24;
+constexpr std::size_t kMostCarried = 26;    // 24 and --index
 
 std::string lower(std::string_view text) {
   std::string result(text);
@@ -35,6 +38,14 @@ bool isName(std::string_view name) {
   const auto good = [&](char c) { return letter(c) || (c >= '0' && c <= '9') || c == '.' || c == '-'; };
   return !name.empty() && name.size() <= kLongestColumn && letter(name.front()) &&
          std::all_of(name.begin(), name.end(), good);
+}
+
+/// The names of survey_frame.h, all of them.
+bool areFirstReturns(std::span<const CarriedAttribute> carry) {
+  return std::equal(carry.begin(), carry.end(), std::begin(kFirstReturnNames), std::end(kFirstReturnNames),
+                    [](const CarriedAttribute& attribute, const char* name) {
+                      return attribute.name == name && attribute.keep == Keep::First;
+                    });
 }
 
 }  // namespace
@@ -59,13 +70,20 @@ std::vector<CarriedAttribute> carryOf(std::string_view names) {
 }
 
 void internal::requireCarry(const std::vector<CarriedAttribute>& carry) {
-  if (carry.size() > kMostCarried) {
-    throw InvalidArgument("carry.count", "carry", "has " + std::to_string(carry.size()) + " names; 24 are possible",
-                          "Carry fewer");
+  const auto hidden = std::find_if(carry.begin(), carry.end(), isHidden);
+  const std::vector<CarriedAttribute> named(carry.begin(), hidden);
+  if (named.size() > kMostCarried) {
+    throw InvalidArgument(
+        "carry.count", "carry",
+        "has " + std::to_string(named.size()) + " names; " + std::to_string(kMostCarried) + " are possible",
+        "Carry fewer");
+  }
+  if (hidden != carry.end() && !areFirstReturns({hidden, carry.end()})) {
+    throw InvalidArgument("carry.name", "carry " + hidden->name.substr(0, kLongestColumn),
+                          "is no name of a column: @ is for what points.las alone has", "Give the column another name");
   }
   std::set<std::string> seen;
-  for (const CarriedAttribute& attribute : carry) {
-    if (isHidden(attribute)) continue;
+  for (const CarriedAttribute& attribute : named) {
     const std::string name = lower(attribute.name);
     if (attribute.keep == Keep::First && (name == "scan" || name == "index")) continue;
     if (!isName(attribute.name)) {

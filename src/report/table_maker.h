@@ -22,7 +22,6 @@ class TableMaker {
   /// @return the steps of ExactArea that the point stands for
   std::uint64_t add(const SurfacePoint& point, std::span<const std::int32_t> carried);
   [[nodiscard]] io::PointTable finish() const;
-  [[nodiscard]] const io::PointRow& whole() const { return whole_; }
 
  private:
   double voxel_size_m_;

@@ -85,9 +85,10 @@ class Binner {
   }
   void add(std::uint32_t step, const io::ScanRecord& record, ShardIndex& index) {
     FrameStats stats;
+    const std::vector<std::int32_t> attributes = io::attributesFor(record, params_.carry.size());  // of any flight
     const internal::GatedScan& scan = record.points_W.empty()
-                                          ? gate_.gate(record.points_S, record.T_W_S, stats, record.attributes)
-                                          : gate_.gate(record.points_W, record.origins_W, stats, record.attributes);
+                                          ? gate_.gate(record.points_S, record.T_W_S, stats, attributes)
+                                          : gate_.gate(record.points_W, record.origins_W, stats, attributes);
     if (!scan.p_L.empty()) addTo(buffer_, step, sorter_, scan);
     index.points_in += stats.points_in;
     index.points_used += stats.points_used;

@@ -117,7 +117,9 @@ class TileRun {
         steps_.push_back(block.step);
         fused.largest_step = std::max<std::uint64_t>(fused.largest_step, block.p_L.size());
         requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, job_, tables_));
-        fused.all += internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L, block.attributes).points_used;
+        constexpr double kNoStamp = std::numeric_limits<double>::quiet_NaN();
+        fused.all +=
+            internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L, kNoStamp, block.attributes).points_used;
         requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, job_, tables_));
       }
     }

@@ -135,7 +135,18 @@ TEST_F(Carry, BadNamesAndValuesAreRefusedInOneLine) {
   EXPECT_NE(refuse(with("loudness"), 3, "carry.value").find("loudness 0.25"), std::string::npos);
   EXPECT_NE(refuse(with("label"), 2, "carry.name").find("label=OTHER"), std::string::npos);
   refuse(with("tree id"), 2, "carry.name");
+  refuse(with("@time_low"), 2, "carry.name");
+  refuse(with("class=@class"), 2, "carry.name");
   refuse(map({"--carry", "tree_id", "--carry", "class=tree_id"}), 2, "carry.name");
+}
+
+TEST_F(Carry, FourAndTwentyAreCarriedAndNoMore) {
+  Flags many;
+  for (int n = 0; n < 24; ++n) many = plus(many, {"--carry", "tree_id=t" + std::to_string(n)});
+  succeed(map(plus(many, {"--tiles", "off", "--index"})));
+  EXPECT_EQ(ply("out/points.ply").column.at("t23"), ply("out/points.ply").column.at("t0"));
+  for (int n = 24; n < 27; ++n) many = plus(many, {"--carry", "tree_id=t" + std::to_string(n)});
+  refuse(map(plus(many, {"--tiles", "off"})), 2, "carry.count");
 }
 
 }  // namespace

@@ -279,5 +279,32 @@ TEST_F(Frame, WhatContradictsIsRefused) {
   refuse(map({"--tiles", "off"}), 2, "usage.crs");
 }
 
+/// Scans that come later: in the same frame, in none, or in another one, which would be some metres off.
+TEST_F(Frame, LaterScansAreInTheSameOne) {
+  use({});
+  Cloud other;
+  other.wkt = std::string(kMetres).replace(kMetres.find("1983\""), 4, "1927");
+  writeText("other.las", other.bytes());
+  // A ray cloud knows of no frame, nor of classes and times.
+  writeText("rays.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n"
+            "property double nx\nproperty double ny\nproperty double nz\nend_header\n"
+            "470624.5 3810222.25 2278 3 0 0\n");
+  const Flags from = {"--sensor-at", scans_[3]};
+  succeed(plan({"--tiles", "6.4"}));
+  refuse(plus({"tile", "plan", path("out"), "--append", "--scans", path("other.las")}, from), 4, "scans.frame");
+  succeed({"tile", "plan", path("out"), "--append", "--scans", path("rays.ply")});
+  succeed(step("bin"));
+  succeed(step("run"));
+  succeed(step("merge", {"--points", path("all.las")}));
+  EXPECT_EQ(record(las("all.las"), "LASF_Projection", 2112), kMetres + '\0');
+  // The same by resuming.
+  succeed(map({"--tiles", "off", "--checkpoint", path("state")}, "first"));
+  scans_ = plus({"--scans", path("other.las"), "--points-format", "las"}, from);
+  refuse(map({"--tiles", "off", "--resume", path("state")}, "second"), 4, "scans.frame");
+  writeText("frame.wkt", kMetres);
+  succeed(map({"--tiles", "off", "--resume", path("state"), "--crs", path("frame.wkt")}, "second"));
+}
+
 }  // namespace
 }  // namespace accessvdb::survey_test

@@ -240,7 +240,7 @@ bool isPlausible(const StateHead& head) {
     return false;
   }
   const std::uint64_t columns = head.params.carry.size();
-  if (columns == 0 && (head.split_points > 0 || head.votes > 0)) return false;
+  if (isCarryingSchema(head.schema) != (columns > 0)) return false;
   if (head.split_points > head.points * columns || head.votes > columns * std::uint64_t{~std::uint32_t{0}})
     return false;
   if (head.points >= ~std::uint32_t{0} || head.poses >= ~std::uint32_t{0}) return false;  // ids have 32 bits

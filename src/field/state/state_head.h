@@ -21,24 +21,24 @@ inline constexpr std::uint32_t kOrientedStateSchema = 7;
 inline constexpr std::uint32_t kRolledStateSchema = 8;
 /// Added to any of them for ChangeMode::Full, whose states hold more.
 inline constexpr std::uint32_t kFullChangeSchema = 10;
-/// Added to any of these for fields whose returns carry attributes, whose states hold these, too.
-inline constexpr std::uint32_t kCarryingSchema = 20;
 /// Added to any of these for states with what an update found out.
-inline constexpr std::uint32_t kScoredSchema = 40;
+inline constexpr std::uint32_t kScoredSchema = 20;
+/// Added to any of these for fields whose returns carry attributes, whose states hold these, too.
+inline constexpr std::uint32_t kCarryingSchema = 40;
 
-[[nodiscard]] constexpr bool isScoredSchema(std::uint32_t schema) { return schema > kScoredSchema; }
-[[nodiscard]] constexpr std::uint32_t unscoredSchema(std::uint32_t schema) {
-  return isScoredSchema(schema) ? schema - kScoredSchema : schema;
-}
-[[nodiscard]] constexpr bool isCarryingSchema(std::uint32_t schema) { return unscoredSchema(schema) > kCarryingSchema; }
+[[nodiscard]] constexpr bool isCarryingSchema(std::uint32_t schema) { return schema > kCarryingSchema; }
 [[nodiscard]] constexpr std::uint32_t uncarryingSchema(std::uint32_t schema) {
-  return unscoredSchema(schema) - (isCarryingSchema(schema) ? kCarryingSchema : 0);
+  return isCarryingSchema(schema) ? schema - kCarryingSchema : schema;
+}
+[[nodiscard]] constexpr bool isScoredSchema(std::uint32_t schema) { return uncarryingSchema(schema) > kScoredSchema; }
+[[nodiscard]] constexpr std::uint32_t unscoredSchema(std::uint32_t schema) {
+  return uncarryingSchema(schema) - (isScoredSchema(schema) ? kScoredSchema : 0);
 }
 [[nodiscard]] constexpr bool isFullChangeSchema(std::uint32_t schema) {
-  return uncarryingSchema(schema) > kFullChangeSchema;
+  return unscoredSchema(schema) > kFullChangeSchema;
 }
 [[nodiscard]] constexpr std::uint32_t plainSchema(std::uint32_t schema) {
-  return uncarryingSchema(schema) - (isFullChangeSchema(schema) ? kFullChangeSchema : 0);
+  return unscoredSchema(schema) - (isFullChangeSchema(schema) ? kFullChangeSchema : 0);
 }
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
   const std::uint32_t plain = plainSchema(schema);

@@ -46,15 +46,11 @@ void CloudSteps::open(std::size_t file) {
   file_ = file;
 }
 
-/// Files of one frame say so with the same bytes: they come from one program. What differs may be the same frame in
-/// other words, or another datum some metres away, which nothing else would show.
 void CloudSteps::noteFrame(std::size_t file) {
   if (reader_->frame() == nullptr) return;
   const SurveyFrame& frame = *reader_->frame();
   if (file == 0) frame_ = frame;
-  const bool same = frame.wkt == frame_.wkt && frame.geo_keys == frame_.geo_keys &&
-                    frame.geo_doubles == frame_.geo_doubles && frame.geo_texts == frame_.geo_texts;
-  if (same) return;
+  if (frame.systemSha256() == frame_.systemSha256()) return;
   throw UnusableInput("scans.frame", forMessage(input_.files[file].native()),
                       "says another coordinate system than " + forMessage(input_.files.front().filename().native(), 64),
                       "Reproject it, or say with crs_wkt which one all are in");

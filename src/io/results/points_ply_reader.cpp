@@ -75,10 +75,10 @@ class PlyReader {
     return {header_.count, *header_.origin_W, *header_.voxel_size_m, header_.metadata, header_.carried};
   }
 
-  /// After header(). @param every  points with other numbers than multiples of it are left out
   [[nodiscard]] const std::vector<std::string>& carried() const { return header_.carried; }
   [[nodiscard]] const internal::PointsPlyColumns& columns() const { return header_.columns; }
 
+  /// After header(). @param every  points with other numbers than multiples of it are left out
   /// @param take  (point, its record)
   template <typename Take>
   void visit(std::uint64_t every, const Take& take) {

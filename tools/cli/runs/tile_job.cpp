@@ -240,6 +240,14 @@ MapOptions optionsFrom(const fs::path& out, const PlanSettings& settings) {
   return options;
 }
 
+/// All flights carry what the plan says, and are in its coordinate system.
+void readAsPlanned(const MapOptions& planned, MapOptions& flight) {
+  flight.survey.carry = planned.survey.carry;
+  flight.survey.index = planned.survey.index;
+  flight.survey.crs = planned.survey.crs;
+  flight.exported.points_format = planned.exported.points_format;
+}
+
 }  // namespace
 
 OpenJob openJob(const fs::path& out, const MapOptions& options) {
@@ -252,9 +260,7 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   std::vector<MapOptions> flights;
   for (const tiles::Flight& flight : plan.flights) {
     flights.push_back(optionsFrom(out, flight.settings));
-    flights.back().survey.carry = planned.survey.carry;  // all flights carry what the plan says
-    flights.back().survey.index = planned.survey.index;
-    flights.back().exported.points_format = planned.exported.points_format;
+    readAsPlanned(planned, flights.back());
   }
   std::vector<ToolSpec> specs = loadTools(planned);
   FieldParams params = fieldParams(planned);
@@ -285,8 +291,15 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
   }
   std::erase_if(settings,
                 [](const auto& setting) { return !isIn(kOfAFlight, setting.first) && setting.first != "deskew"; });
-  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  MapOptions of_flight = options;
+  readAsPlanned(open.options, of_flight);
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(of_flight));
   sayAboutScans(scans, messages);
+  const std::string planned = open.job.plan.frame.systemSha256(), added = scans.frame().systemSha256();
+  if (!planned.empty() && !added.empty() && planned != added) {
+    throw UnusableInput("scans.frame", options.scans, "says another coordinate system than the plan's scans",
+                        "Reproject it, or plan all flights with --crs");
+  }
   static_cast<void>(checkAgreement(options, open.job.params.tsdf.range_noise_m, scans, messages));
   const PlanSources sources = {options, settings, open.tools, scans, open.job.params};
   tiles::Plan& plan = open.job.plan;

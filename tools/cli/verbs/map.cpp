@@ -112,7 +112,7 @@ void MapRun::countLeftOut(const io::ScanRecord& record) {
 }
 
 void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
-  const std::vector<std::int32_t> attributes = attributesFor(field.params(), record);
+  const std::vector<std::int32_t> attributes = io::attributesFor(record, field.params().carry.size());
   const FrameStats stats = record.points_W.empty()
                                ? field.integrateScan(record.points_S, record.T_W_S, stamp_s, attributes)
                                : field.integrateRays(record.points_W, record.origins_W, stamp_s, attributes);
@@ -343,6 +343,7 @@ int MapRun::run() {
   outputs_.clear(inputsWith(options_, scans));
   sayAboutScans(scans, messages_);
   if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
+  checkpoints_.readIn(scans.frame());
 
   FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   addFirstReturns(scans.frame(), params);
@@ -390,8 +391,7 @@ int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
   return exit_code;
 }
 
-/// After report.json, which it shows.
-/// What is made from the files of the result.
+/// What is made from the files of the result, after report.json, which the page shows.
 void MapRun::writeViews(const std::vector<ToolSpec>& tools) {
   if (!options_.survey.carry.empty()) {
     writeTable(options_.out, messages_);
