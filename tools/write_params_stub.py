@@ -19,6 +19,8 @@ LINE = 120
 def type_of(made, name, stub):
     """The stub's type of a setting, and what may be assigned to it."""
     value = getattr(made, name)
+    if name == "carry":
+        return "Tuple[str, ...]", "Sequence[str]"
     if isinstance(value, tuple):
         return "Tuple[float, float, float]", "_Three"
     if type(value).__module__.startswith("accessvdb"):

@@ -16,6 +16,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -67,14 +68,17 @@ class ACCESSVDB_API AccessibilityField {
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S);
   /// @param stamp_s  time of the scan's first return, seconds of any clock. A number that is not finite counts as
   ///                 missing; in place of one that is earlier than the latest so far, the latest is used.
-  FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, double stamp_s);
+  /// @param attributes  what the returns carry: a row for each, with as many values as FieldParams::carry names, or
+  ///                     kNoAttribute; empty: nothing  @throws InvalidArgument "carry.sizes"
+  FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, double stamp_s,
+                           std::span<const std::int32_t> attributes = {});
 
   /// Fuses rays that each have their own origin (ray clouds), or one origin for all.
   /// @param points_W   [n] returns in the world frame
   /// @param origins_W  [n] or [1] sensor positions in the world frame
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W);
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
-                           double stamp_s);
+                           double stamp_s, std::span<const std::int32_t> attributes = {});
   /// From now on the map gets no leaf and no leaf gets values. Where a return would need some, it is left out, and
   /// the voxels that it would have changed block: they collide and are not free for an arm, and points whose neighbours
   /// may lie there are unscored with reason `confidence`. What the map has a place for is fused as if it grew. So at
@@ -136,6 +140,9 @@ class ACCESSVDB_API AccessibilityField {
   /// The same points scored again from scratch against the current map: every direction, no history. `exact` must equal
   /// it. Costs a full evaluation and changes nothing. @param tests  receives the number of (point, direction) tests
   [[nodiscard]] FieldSnapshot evaluateFromScratch(std::uint64_t* tests = nullptr) const;
+
+  /// What the returns in that voxel carried, in the order of FieldParams::carry; empty if there is no point.
+  [[nodiscard]] std::vector<std::int32_t> attributesAt(const Eigen::Vector3d& p_W) const;
 
   /// The point in the voxel that contains p_W, if any.
   [[nodiscard]] std::optional<SurfacePoint> pointAt(const Eigen::Vector3d& p_W) const;

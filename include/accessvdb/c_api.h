@@ -24,7 +24,7 @@
 #include "accessvdb/export.h"
 
 /* Grows with every addition. A program built against version N runs with a library of version N or later. */
-#define ACCESSVDB_C_API_VERSION 5
+#define ACCESSVDB_C_API_VERSION 6
 
 #ifdef __cplusplus
 #define ACCESSVDB_C_NOEXCEPT noexcept
@@ -174,6 +174,9 @@ typedef struct accessvdb_params {
   int32_t change;     ///< ACCESSVDB_CHANGE_*; since version 5
   int32_t rolls;      ///< about the tool's body in each orientation, 0 = rule; since version 5
   double free_for_s;  ///< version 5: > 0, finite only with ACCESSVDB_CHANGE_FULL; infinity = free space stays free
+  /// Version 6. Names of what returns carry to the points, with a blank between them; read by the call that it is
+  /// passed to. NULL = nothing
+  const char* carry;
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.
@@ -264,6 +267,17 @@ ACCESSVDB_API int accessvdb_field_integrate_rays(accessvdb_field* field, const d
 ACCESSVDB_API int accessvdb_field_integrate_rays_at(accessvdb_field* field, const double* points_W, size_t point_count,
                                                     const double* origins_W, size_t origin_count, double stamp_s,
                                                     accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// Both with what the returns carry (since version 6). @param attributes  [point_count x names in
+/// accessvdb_params::carry] row by row, INT32_MIN for none  @param attribute_count  the number of values
+ACCESSVDB_API int accessvdb_field_integrate_scan_carrying(accessvdb_field* field, const float* points_S,
+                                                          size_t point_count, const double* T_W_S, double stamp_s,
+                                                          const int32_t* attributes, size_t attribute_count,
+                                                          accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+ACCESSVDB_API int accessvdb_field_integrate_rays_carrying(accessvdb_field* field, const double* points_W,
+                                                          size_t point_count, const double* origins_W,
+                                                          size_t origin_count, double stamp_s,
+                                                          const int32_t* attributes, size_t attribute_count,
+                                                          accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
 /// The latest stamp of a scan so far; NaN while none had one (since version 5).
 ACCESSVDB_API int accessvdb_field_latest_stamp(accessvdb_field* field, double* stamp_s) ACCESSVDB_C_NOEXCEPT;
 /// Scores what changed since the last update.
@@ -275,6 +289,10 @@ ACCESSVDB_API int accessvdb_field_take_snapshot(accessvdb_field* field, size_t* 
 /// Copies points [first, first + count) of the snapshot, in the order of their ids. @param points  [count]
 ACCESSVDB_API int accessvdb_field_copy_points(accessvdb_field* field, size_t first, size_t count,
                                               accessvdb_point* points, size_t point_size) ACCESSVDB_C_NOEXCEPT;
+/// Copies an attribute of points [first, first + count) of the snapshot (since version 6). INT32_MIN = none
+/// @param column  index of its name in accessvdb_params::carry  @param values  [count]
+ACCESSVDB_API int accessvdb_field_copy_attribute(accessvdb_field* field, size_t column, size_t first, size_t count,
+                                                 int32_t* values) ACCESSVDB_C_NOEXCEPT;
 /// Number of points in the snapshot per label and per reason.
 ACCESSVDB_API int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts) ACCESSVDB_C_NOEXCEPT;
 /// Frees the snapshot's memory.

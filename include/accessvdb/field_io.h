@@ -11,11 +11,13 @@
 #include <iosfwd>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "accessvdb/export.h"
+#include "accessvdb/survey_frame.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb {
@@ -50,9 +52,11 @@ ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const Field
                                   const FieldMetadata& metadata);
 ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points,
                                   const FieldMetadata& metadata);
-/// points.las: LAS 1.4, point format 7, in steps of 0.0001 m from the field's origin; label, reason, score, confidence
-/// and yaw (degrees) as extra bytes, the label's colour as RGB. @throws OutputError
-ACCESSVDB_API void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points);
+/// points.las: LAS 1.4, point format 7, in steps of at most 0.0001 m from the field's origin; label, reason, score,
+/// confidence, yaw (degrees) and what the returns carried as extra bytes, the label's colour as RGB, GPS time and class
+/// of the first return. @param frame  its coordinate system, in whose unit the coordinates are  @throws OutputError
+ACCESSVDB_API void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points,
+                                  const SurveyFrame& frame = {});
 /// Reads points.ply back, with origin and voxel size from its header comments. @throws InputError
 [[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path);
 /// Every n-th point of it alone, for a picture; ids are the points' numbers in the file.
@@ -63,13 +67,17 @@ struct PointsHeader {
   std::uint64_t points = 0;
   Eigen::Vector3d origin_W = {0, 0, 0};
   double voxel_size_m = 0;
-  FieldMetadata metadata;  ///< the other comments, in order
+  FieldMetadata metadata;                    ///< the other comments, in order
+  std::vector<std::string> attributes = {};  ///< names of what the returns carried
 };
 /// @throws InputError
 [[nodiscard]] ACCESSVDB_API PointsHeader readPointsHeader(const std::filesystem::path& path);
 /// Hands over one point after the other, so that they are never in memory together. @throws InputError
 ACCESSVDB_API PointsHeader visitPoints(const std::filesystem::path& path,
                                        const std::function<void(const SurfacePoint&)>& take);
+/// The same with what each point's returns carried.
+using TakeCarryingPoint = std::function<void(const SurfacePoint&, std::span<const std::int32_t> attributes)>;
+ACCESSVDB_API PointsHeader visitCarryingPoints(const std::filesystem::path& path, const TakeCarryingPoint& take);
 
 /// What `info` prints about a grid.
 struct GridSummary {
@@ -94,6 +102,7 @@ class ACCESSVDB_API StoredField {
     Eigen::Vector3d position_W;
     std::optional<SurfacePoint> point;  ///< the surface point of that voxel, else the nearest within 3 voxels
     double point_distance_m = 0;        ///< from the position to that point
+    std::vector<std::pair<std::string, std::int32_t>> attributes = {};  ///< of that point: what its returns carried
     bool observed = false, cleared = false;
     float distance_m = 0, weight = 0;
   };

@@ -9,7 +9,9 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "accessvdb/attributes.h"
 #include "accessvdb/export.h"
 #include "accessvdb/field_window.h"
 #include "accessvdb/orientations.h"
@@ -132,6 +134,10 @@ struct ACCESSVDB_API FieldParams {
   /// Limits the field to one tile. Needs origin_W; not for the paper's policy or projective fusion, whose results
   /// depend on the whole map.
   std::optional<FieldWindow> window = std::nullopt;
+  /// What returns carry to the points (attributes.h); the files have a column of each. A point takes 4 bytes of each,
+  /// and 12 for each value that its returns do not agree on. Names have up to 31 letters, digits, _ . or -, begin with
+  /// a letter or _, and are none of ours.
+  std::vector<CarriedAttribute> carry = {};
 
   /// The paper's own constants, for its tables.
   static FieldParams paper(double voxel_size_m);

@@ -256,7 +256,11 @@ inline constexpr auto kParamRows<FieldParams> = std::tuple(
         "Keeps a second live mirror, of the map's distances, for kernels in C++ (DeviceView); no result depends "
         "on it."),
     paramRow<&FieldParams::origin_W>("origin_W", ParamRange{-1e8, 1e8}, "World position of the local frame, metres."),
-    paramRow<&FieldParams::window>("window", AnyValue{}, "Limits the field to one tile."));
+    paramRow<&FieldParams::window>("window", AnyValue{}, "Limits the field to one tile."),
+    paramRow<&FieldParams::carry, &accessvdb_params::carry>(
+        "carry", AnyValue{},
+        "Names of what returns carry to the points: the value of most of a point's returns, "
+        "of several the lowest. Files have a column of each."));
 
 /// A struct that has rows.
 template <typename Params>

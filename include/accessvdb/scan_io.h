@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "accessvdb/export.h"
+#include "accessvdb/survey_frame.h"
 
 namespace accessvdb::io {
 
@@ -74,6 +75,15 @@ struct ScanInputOptions {
   /// From the sensor to each point of clouds in the world frame whose true rays are not known: (0,0,-10) for a flight
   /// above them. What is between is taken to be free.
   std::optional<Eigen::Vector3d> ray_W = {};
+  /// Names of what the returns carry (attributes.h): dimensions and extra bytes of LAS, properties of PLY, fields of
+  /// PCD and PointCloud2, whole numbers all of them. Case and underscores do not matter.
+  std::vector<std::string> carry = {};
+  /// Behind those, the number of the scan, from 0, and of the return's row in it.
+  bool index = false;
+  /// Behind those, LAS and LAZ: kFirstReturnNames (survey_frame.h).
+  bool first_returns = false;
+  /// Well-known text of the coordinate system of LAS and LAZ, in place of what the files say. The unit is its unit.
+  std::string crs_wkt = {};
 };
 
 /// Something about the input that is most likely a mistake, or a loss.
@@ -89,8 +99,9 @@ struct ScanRecord {
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
   std::vector<Eigen::Vector3d> points_W;
   std::vector<Eigen::Vector3d> origins_W;
-  double stamp_s = 0;  ///< 0 where unknown
-  double step_m = 0;   ///< between coordinates that are next to each other, where the file says it (LAS); else 0
+  std::vector<std::int32_t> attributes;  ///< [points x what is carried], row by row
+  double stamp_s = 0;                    ///< 0 where unknown
+  double step_m = 0;  ///< between coordinates that are next to each other, where the file says it (LAS); else 0
   std::string path;
   std::uint64_t truncated_points = 0;  ///< records announced by the header but missing in the file
   std::uint64_t excluded_points = 0;   ///< left out: inside ScanInputOptions::exclude_box_S
@@ -99,6 +110,10 @@ struct ScanRecord {
   bool deskewed = false;               ///< each return has been placed by the pose at its own time
   std::string skipped = {};            ///< why there are no points: the scan cannot be used; empty for all others
 };
+
+/// ScanRecord::attributes in as many columns as a field has, where the record is of scans that were read with others:
+/// what is missing at the end of a row is kNoAttribute, what is too much is left out.
+[[nodiscard]] ACCESSVDB_API std::vector<std::int32_t> attributesFor(const ScanRecord& record, std::size_t columns);
 
 struct InputFile {
   std::string path;
@@ -130,6 +145,8 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] const std::vector<ScanWarning>& warnings() const;  ///< not among the notices
   /// What only reading showed, of the steps that were read so far: scans that are skipped.
   [[nodiscard]] std::vector<ScanWarning> readWarnings() const;
+  /// The coordinate system of clouds in the world frame, as all of their files say it; empty for others.
+  [[nodiscard]] const SurveyFrame& frame() const;
   [[nodiscard]] std::string matchingRule() const;        ///< one line, also part of the notices
   [[nodiscard]] bool deskews() const;                    ///< motion within scans is removed, where poses cover a scan
   [[nodiscard]] std::vector<std::string> paths() const;  ///< every file that is or will be read
@@ -143,6 +160,11 @@ class ACCESSVDB_API ScanSequence {
   explicit ScanSequence(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+/// The well-known text of a coordinate system: a code such as "EPSG:32632", which PROJ's program projinfo looks up, or
+/// a file with such text, which it checks if it is installed. @throws InputError "las.crs", "input.geographic",
+/// "input.unit"
+[[nodiscard]] ACCESSVDB_API std::string crsWkt(const std::string& crs);
 
 /// Lower-case hexadecimal SHA-256 of a file. @throws InputError
 [[nodiscard]] ACCESSVDB_API std::string sha256OfFile(const std::filesystem::path& path);

@@ -6,6 +6,10 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "accessvdb/types.h"
 
@@ -26,6 +30,18 @@ class SurfacePoints {
   [[nodiscard]] virtual Eigen::Vector3d position_W(std::size_t index) const = 0;
   [[nodiscard]] virtual Eigen::Vector3d origin_W() const = 0;  ///< world position of the map's local origin
   [[nodiscard]] virtual double voxel_size_m() const = 0;
+  /// What the returns carried (FieldParams::carry).
+  [[nodiscard]] virtual std::vector<std::string> attributeNames() const { return {}; }
+  /// @param column  of attributeNames()  @return kNoAttribute where a point has none
+  [[nodiscard]] virtual std::int32_t attribute(std::size_t /*index*/, std::size_t /*column*/) const {
+    return kNoAttribute;
+  }
+  /// What the first return of a point had, where scans say it and points.las is to.
+  struct FirstReturn {
+    double gps_time = 0;
+    std::uint8_t point_class = 0;
+  };
+  [[nodiscard]] virtual std::optional<FirstReturn> firstReturn(std::size_t /*index*/) const { return std::nullopt; }
 };
 
 /// The points of a snapshot, which must live as long.
@@ -39,6 +55,14 @@ class SnapshotPoints final : public SurfacePoints {
   }
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return snapshot_.origin_W; }
   [[nodiscard]] double voxel_size_m() const override { return snapshot_.voxel_size_m; }
+  [[nodiscard]] std::vector<std::string> attributeNames() const override {
+    std::vector<std::string> names;
+    for (const AttributeColumn& column : snapshot_.attributes) names.push_back(column.name);
+    return names;
+  }
+  [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
+    return snapshot_.attributes[column].values[index];
+  }
 
  private:
   const FieldSnapshot& snapshot_;

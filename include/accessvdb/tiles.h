@@ -76,6 +76,7 @@ struct ACCESSVDB_API Plan {
   std::int32_t tile_voxels = 0;    ///< edge of a tile's core: FieldWindow::kEdge times a power of two
   std::int32_t margin_voxels = 0;  ///< how far outside the core returns are needed
   std::uint64_t bin_bytes = 0;     ///< returns are held in memory up to this size before they are written
+  SurveyFrame frame = {};          ///< of points.las
   std::vector<Flight> flights;     ///< in the order in which they are mapped: steps of the second follow the first's
 
   [[nodiscard]] std::uint64_t steps() const;

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/attributes.h"
 #include "accessvdb/export.h"
 #include "accessvdb/point_label.h"
 
@@ -92,6 +93,7 @@ struct ACCESSVDB_API FieldSnapshot {
   std::vector<SurfacePoint> points;
   Eigen::Vector3d origin_W = {0, 0, 0};  ///< world position of the map's local origin
   double voxel_size_m = 0;
+  std::vector<AttributeColumn> attributes = {};  ///< what the returns carried (FieldParams::carry), point by point
 
   [[nodiscard]] std::vector<SurfacePoint> with(PointLabel label) const;
   [[nodiscard]] std::vector<SurfacePoint> accessible() const { return with(PointLabel::Accessible); }

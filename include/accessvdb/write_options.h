@@ -4,6 +4,7 @@
 #pragma once
 
 #include "accessvdb/export.h"
+#include "accessvdb/survey_frame.h"
 
 namespace accessvdb::io {
 
@@ -25,6 +26,7 @@ struct WriteOptions {
   Compression compression = Compression::Auto;
   UpAxis up_axis = UpAxis::Z;  ///< of field.vdb and field_points.vdb; points.ply is always in the world frame
   bool points_las = false;     ///< also write points.las, for programs of surveyors
+  SurveyFrame frame = {};      ///< of points.las, whose coordinates are in its unit
   bool surface = false;        ///< also write `surface`, a narrow-band level set made from the points and their normals
 };
 

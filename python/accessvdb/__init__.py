@@ -27,6 +27,7 @@ try:
     from ._accessvdb import (
         NO_DIRECTION,
         NO_POINT,
+        NO_ATTRIBUTE,
         NO_SCORE,
         AccessMap,
         AccessibilityField,

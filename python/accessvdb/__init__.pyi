@@ -32,6 +32,7 @@ _U16 = npt.NDArray[np.uint16]
 _U32 = npt.NDArray[np.uint32]
 _Bool = npt.NDArray[np.bool_]
 
+NO_ATTRIBUTE: int
 NO_SCORE: int
 NO_DIRECTION: int
 NO_POINT: int
@@ -235,6 +236,10 @@ class FieldParams:
     backend: _Backend
     threads: int
     mirror_distance: bool
+    @property
+    def carry(self) -> Tuple[str, ...]: ...
+    @carry.setter
+    def carry(self, value: Sequence[str]) -> None: ...
     def __init__(
         self,
         *,
@@ -246,6 +251,7 @@ class FieldParams:
         backend: _Backend = ...,
         threads: int = ...,
         mirror_distance: bool = ...,
+        carry: Sequence[str] = ...,
     ) -> None: ...
     @staticmethod
     def paper(voxel_size_m: float) -> FieldParams: ...
@@ -447,6 +453,8 @@ class FieldSnapshot:
     @property
     def voxel_size_m(self) -> float: ...
     @property
+    def attributes(self) -> Dict[str, npt.NDArray[np.int32]]: ...
+    @property
     def counts(self) -> Dict[str, int]: ...
     @property
     def reasons(self) -> Dict[str, int]: ...
@@ -588,6 +596,8 @@ class ScanRecord:
     @property
     def origins_W(self) -> _F64: ...
     @property
+    def attributes(self) -> npt.NDArray[np.int32]: ...
+    @property
     def stamp_s(self) -> float: ...
     @property
     def path(self) -> str: ...
@@ -638,6 +648,7 @@ class ScanSequence:
         match: _Match = ...,
         max_gap_s: float = ...,
         keep_noise: bool = ...,
+        carry: Sequence[str] = ...,
     ) -> None: ...
     def __len__(self) -> int: ...
     def __getitem__(self, step: int) -> ScanRecord: ...
@@ -799,11 +810,22 @@ class AccessibilityField:
         tools: Optional[Sequence[Union[ToolSpec, ToolGeometry]]] = ...,
     ) -> None: ...
     def integrate_scan(
-        self, points_S: npt.ArrayLike, T_W_S: npt.ArrayLike, *, stamp_s: Optional[float] = ...
+        self,
+        points_S: npt.ArrayLike,
+        T_W_S: npt.ArrayLike,
+        *,
+        stamp_s: Optional[float] = ...,
+        attributes: Optional[npt.ArrayLike] = ...,
     ) -> FrameStats: ...
     def integrate_rays(
-        self, points_W: npt.ArrayLike, origins_W: npt.ArrayLike, *, stamp_s: Optional[float] = ...
+        self,
+        points_W: npt.ArrayLike,
+        origins_W: npt.ArrayLike,
+        *,
+        stamp_s: Optional[float] = ...,
+        attributes: Optional[npt.ArrayLike] = ...,
     ) -> FrameStats: ...
+    def attributes_at(self, p_W: _Three) -> Dict[str, int]: ...
     @property
     def latest_stamp_s(self) -> Optional[float]: ...
     def integrate(self, record: ScanRecord) -> FrameStats: ...

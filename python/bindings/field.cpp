@@ -8,8 +8,11 @@
 
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/field_export.h"
@@ -172,26 +175,49 @@ std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const 
       [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, one, kind, count)); });
 }
 
+/// Rows of whole numbers of 32 bits, one for each return, or one number for each. None: nothing.
+std::vector<std::int32_t> attributesFrom(const py::object& attributes) {
+  if (attributes.is_none()) return {};
+  const py::array given = py::array::ensure(attributes);
+  if (!given || given.ndim() < 1 || given.ndim() > 2 || (given.dtype().kind() != 'i' && given.dtype().kind() != 'u')) {
+    throw InvalidArgument("python.type", "attributes", "is no array of whole numbers, (N,) or (N, attributes)",
+                          "Convert it with astype(numpy.int32)");
+  }
+  const auto wide = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>(given);
+  std::vector<std::int32_t> values(static_cast<std::size_t>(wide.size()));
+  for (std::size_t n = 0; n < values.size(); ++n) {
+    const std::int64_t value = wide.data()[n];
+    if (value < std::numeric_limits<std::int32_t>::min() || value > std::numeric_limits<std::int32_t>::max()) {
+      throw InvalidArgument("python.value", "attributes", std::to_string(value) + " does not fit into 32 bits");
+    }
+    values[n] = static_cast<std::int32_t>(value);
+  }
+  return values;
+}
+
 FrameStats integrateScan(LockedField& field, const py::object& points_S, const py::object& T_W_S,
-                         const py::object& stamp_s) {
+                         const py::object& stamp_s, const py::object& attributes) {
   const ScanPoints points("points_S", points_S, true);
   const Eigen::Isometry3d pose = poseOf("T_W_S", T_W_S);
   const double stamp = stampFrom(stamp_s);
-  return field.run([&](AccessibilityField& f) { return f.integrateScan(points.view(), pose, stamp); });
+  const std::vector<std::int32_t> values = attributesFrom(attributes);
+  return field.run([&](AccessibilityField& f) { return f.integrateScan(points.view(), pose, stamp, values); });
 }
 
 FrameStats integrateRays(LockedField& field, const py::object& points_W, const py::object& origins_W,
-                         const py::object& stamp_s) {
+                         const py::object& stamp_s, const py::object& attributes) {
   const Positions points("points_W", points_W), origins("origins_W", origins_W);
   const double stamp = stampFrom(stamp_s);
-  return field.run([&](AccessibilityField& f) { return f.integrateRays(points.view(), origins.view(), stamp); });
+  const std::vector<std::int32_t> values = attributesFrom(attributes);
+  return field.run(
+      [&](AccessibilityField& f) { return f.integrateRays(points.view(), origins.view(), stamp, values); });
 }
 
 FrameStats integrateRecord(LockedField& field, const io::ScanRecord& record) {
   return field.run([&](AccessibilityField& f) {
     const double stamp_s = record.stamp_s != 0 ? record.stamp_s : std::numeric_limits<double>::quiet_NaN();
-    return record.points_W.empty() ? f.integrateScan(record.points_S, record.T_W_S, stamp_s)
-                                   : f.integrateRays(record.points_W, record.origins_W, stamp_s);
+    return record.points_W.empty() ? f.integrateScan(record.points_S, record.T_W_S, stamp_s, record.attributes)
+                                   : f.integrateRays(record.points_W, record.origins_W, stamp_s, record.attributes);
   });
 }
 
@@ -224,14 +250,27 @@ void bindField(py::module_& module) {
           "params: FieldParams, or a dict of its fields: {\"tsdf\": {\"voxel_size_m\": 0.02}}. tools: instead of tool, "
           "up to 32 ToolSpec or ToolGeometry over one map; each tool's result is that of a field with it alone.")
       .def("integrate_scan", &integrateScan, py::arg("points_S"), py::arg("T_W_S"), py::kw_only(),
-           py::arg("stamp_s") = py::none(),
+           py::arg("stamp_s") = py::none(), py::arg("attributes") = py::none(),
            "Fuses one scan. points_S: (N, 3) in the sensor frame, metres; exactly (0, 0, 0) means no return. T_W_S: "
            "(4, 4) pose, sensor to world. Bad returns are counted, never used. stamp_s: time of the first return, in "
-           "seconds of any clock.")
+           "seconds of any clock. attributes: what the returns carry, (N,) or (N, len(params.carry)) whole numbers, "
+           "NO_ATTRIBUTE for none.")
       .def("integrate_rays", &integrateRays, py::arg("points_W"), py::arg("origins_W"), py::kw_only(),
-           py::arg("stamp_s") = py::none(),
+           py::arg("stamp_s") = py::none(), py::arg("attributes") = py::none(),
            "Fuses rays: (N, 3) returns and (N, 3) or (1, 3) sensor positions, all in the world frame. stamp_s: time of "
-           "the first return.")
+           "the first return. attributes: as for integrate_scan().")
+      .def(
+          "attributes_at",
+          [](F& f, const py::object& p_W) {
+            const Eigen::Vector3d at = vector3("p_W", p_W);
+            return f.run([&](AccessibilityField& field) {
+              std::map<std::string, std::int32_t> values;
+              const std::vector<std::int32_t> found = field.attributesAt(at);
+              for (std::size_t n = 0; n < found.size(); ++n) values[field.params().carry[n].name] = found[n];
+              return values;
+            });
+          },
+          py::arg("p_W"), "What the returns in the voxel there carried: {name: value}; empty if there is no point.")
       .def_property_readonly(
           "latest_stamp_s", [](F& f) { return f.run([](AccessibilityField& field) { return field.latestStamp_s(); }); },
           "The latest stamp of a scan; None while none had one.")

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <string>
 
+#include "accessvdb/attributes.h"
 #include "accessvdb/point_label.h"
 #include "bindings/parts.h"
 
@@ -34,6 +35,7 @@ void bindLabels(py::module_& module) {
   addEnum<PointReason>(module, "PointReason", kNumPointReasons,
                        "Why a point is not accessible: the stage at which the direction that came closest failed.");
   module.attr("NO_SCORE") = kNoScore;
+  module.attr("NO_ATTRIBUTE") = kNoAttribute;
   module.attr("NO_DIRECTION") = kNoDirection;
 }
 

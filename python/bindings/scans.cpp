@@ -52,7 +52,7 @@ std::unique_ptr<LockedScans> openScans(
     const std::string& laz_command, const std::string& topic, const std::string& pose_topic,
     const std::string& fixed_frame, const py::object& T_B_S, const py::object& exclude_box_S, const py::object& deskew,
     const py::object& level, const py::object& ray_W, const py::object& match, const py::object& max_gap_s,
-    const py::object& keep_noise) {
+    const py::object& keep_noise, const std::vector<std::string>& carry) {
   io::ScanInputOptions options;
   options.scans = scans;
   if (poses) options.poses = *poses;
@@ -64,6 +64,7 @@ std::unique_ptr<LockedScans> openScans(
   options.allow_truncated = boolFrom("allow_truncated", allow_truncated);
   options.sort_poses = boolFrom("sort_poses", sort_poses);
   options.keep_noise = boolFrom("keep_noise", keep_noise);
+  options.carry = carry;
   options.rays_per_step = static_cast<std::size_t>(wholeNumberFrom("rays_per_step", rays_per_step, 1, kMost));
   if (trajectory) options.trajectory = *trajectory;
   options.time_offset_s = numberFrom("time_offset_s", time_offset_s);
@@ -123,6 +124,14 @@ void bindRecord(py::module_& module) {
           "(4, 4) float64, sensor to world.")
       .def_property_readonly("points_W", vectorsOf<double>(&R::points_W), "(N, 3) float64, world frame, read-only.")
       .def_property_readonly("origins_W", vectorsOf<double>(&R::origins_W), "(N, 3) or (1, 3) float64, read-only.")
+      .def_property_readonly(
+          "attributes",
+          [](const R& record) {
+            const std::size_t points = record.points_W.empty() ? record.points_S.size() : record.points_W.size();
+            const std::size_t width = points == 0 ? 0 : record.attributes.size() / points;
+            return py::array_t<std::int32_t>({points, width}, record.attributes.data());
+          },
+          "(N, len(carry)) int32, a copy: what the returns carry.")
       .def_readonly("stamp_s", &R::stamp_s)
       .def_readonly("path", &R::path)
       .def_readonly("truncated_points", &R::truncated_points)
@@ -147,7 +156,7 @@ void bindScans(py::module_& module) {
            py::arg("pose_topic") = "", py::arg("fixed_frame") = "", py::arg("T_B_S") = py::none(),
            py::arg("exclude_box_S") = py::none(), py::arg("deskew") = "auto", py::arg("level") = py::none(),
            py::arg("ray_W") = py::none(), py::arg("match") = "auto", py::arg("max_gap_s") = 0.2,
-           py::arg("keep_noise") = false,
+           py::arg("keep_noise") = false, py::arg("carry") = std::vector<std::string>(),
            "scans: a folder of .pcd, .ply, .bin, .las, .laz or .ptx files, one file, or a recording (.mcap, .db3, "
            ".bag). "
            "poses: TUM, KITTI, BALM or HBA. trajectory, stations: where the sensor was, for clouds in the world "
@@ -156,7 +165,8 @@ void bindScans(py::module_& module) {
            "\"imu\" "
            "or (roll, pitch) of the poses' frame in radians. ray_W: from the sensor to every point of a cloud whose "
            "rays are not known. match: auto, order, name or time. max_gap_s: the longest time without poses that is "
-           "interpolated over. keep_noise: keep what is withheld, synthetic or noise in LAS.")
+           "interpolated over. keep_noise: keep what is withheld, synthetic or noise in LAS. carry: names of what "
+           "the returns carry, such as classification or tree_id.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",

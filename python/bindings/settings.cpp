@@ -88,6 +88,16 @@ OrientationSet orientationsFrom(const char* name, py::handle value) {
   return OrientationSet::of(std::move(list));
 }
 
+std::vector<CarriedAttribute> carryFrom(const char* name, py::handle value) {
+  std::vector<CarriedAttribute> carry;
+  if (py::isinstance<py::str>(value) || !py::isinstance<py::sequence>(value)) throwType(name, "a list of names", value);
+  for (const py::handle each : value) {
+    if (!py::isinstance<py::str>(each)) throwType(name, "a list of names", value);
+    carry.push_back({each.cast<std::string>(), Keep::Majority});
+  }
+  return carry;
+}
+
 std::size_t wordFrom(const char* name, py::handle value, const char* const* words, std::size_t count) {
   std::string known;
   for (std::size_t n = 0; n < count; ++n) known += (n == 0 ? "\"" : ", \"") + std::string(words[n]) + "\"";

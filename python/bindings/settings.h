@@ -42,6 +42,8 @@ std::uint64_t largeNumberFrom(const char* name, pybind11::handle value);
 std::array<double, 3> threeNumbersFrom(const char* name, pybind11::handle value);
 /// From the text of a set, or from rows of three angles (degrees) or four parts of a quaternion, w first.
 OrientationSet orientationsFrom(const char* name, pybind11::handle value);
+/// From a sequence of names.
+std::vector<CarriedAttribute> carryFrom(const char* name, pybind11::handle value);
 /// @returns the index of the word
 std::size_t wordFrom(const char* name, pybind11::handle value, const char* const* words, std::size_t count);
 
@@ -52,6 +54,7 @@ T settingFrom(const char* name, pybind11::handle value) {
   if constexpr (std::same_as<T, std::uint64_t>) return largeNumberFrom(name, value);
   if constexpr (std::same_as<T, std::array<double, 3>>) return threeNumbersFrom(name, value);
   if constexpr (std::same_as<T, OrientationSet>) return orientationsFrom(name, value);
+  if constexpr (std::same_as<T, std::vector<CarriedAttribute>>) return carryFrom(name, value);
   if constexpr (std::is_enum_v<T>) return static_cast<T>(wordFrom(name, value, kWords<T>.data(), kWords<T>.size()));
   if constexpr (std::same_as<T, int> || std::same_as<T, std::uint32_t>) {
     return static_cast<T>(wholeNumberFrom(name, value, std::numeric_limits<T>::min(), std::numeric_limits<T>::max()));
@@ -64,6 +67,10 @@ pybind11::object settingToPython(const T& value) {
     return pybind11::str(kWords<T>[static_cast<std::size_t>(value)]);
   } else if constexpr (std::same_as<T, OrientationSet>) {
     return pybind11::str(value.text());
+  } else if constexpr (std::same_as<T, std::vector<CarriedAttribute>>) {
+    pybind11::tuple names(value.size());
+    for (std::size_t n = 0; n < value.size(); ++n) names[n] = pybind11::str(value[n].name);
+    return names;
   } else if constexpr (std::same_as<T, std::array<double, 3>>) {
     return pybind11::make_tuple(value[0], value[1], value[2]);
   } else {

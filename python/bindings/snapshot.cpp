@@ -123,6 +123,18 @@ void bindSnapshot(py::module_& module) {
       .def_property_readonly("orientation_WT", &orientations,
                              "(N, 4) float32, a copy: quaternion w, x, y, z, world from tool, in the best direction; "
                              "1, 0, 0, 0 where there is none.")
+      .def_property_readonly(
+          "attributes",
+          [](const py::object& self) {
+            py::dict columns;
+            for (const AttributeColumn& column : self.cast<const FieldSnapshot&>().attributes) {
+              columns[py::str(column.name)] = viewInto(self, py::dtype::of<std::int32_t>(), column.values.data(),
+                                                       column.values.size(), sizeof(std::int32_t), 1);
+            }
+            return columns;
+          },
+          "What the returns carried (FieldParams.carry): {name: (N,) int32, read-only}; NO_ATTRIBUTE where there is "
+          "none.")
       .def_property_readonly("counts", &labelCounts, "Number of points per label: {\"accessible\": 12, ...}.")
       .def_property_readonly("reasons", &reasonCounts, "Number of points per reason: {\"tool\": 12, ...}.")
       .def("__repr__", [](const FieldSnapshot& s) {

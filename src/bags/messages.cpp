@@ -47,7 +47,7 @@ struct Field {
   std::uint64_t offset = 0;
 };
 
-constexpr std::uint8_t kInt32 = 5, kUint32 = 6, kFloat32 = 7, kFloat64 = 8;
+constexpr std::uint8_t kUint8 = 2, kInt32 = 5, kUint32 = 6, kFloat32 = 7, kFloat64 = 8;
 
 std::optional<TimeField::Type> timeType(std::uint8_t type) {
   switch (type) {
@@ -74,6 +74,7 @@ void readFields(MessageReader& reader, CloudMessage& cloud) {
     const std::uint64_t offset = reader.number<std::uint32_t>();
     const auto type = reader.number<std::uint8_t>();
     const auto values = reader.number<std::uint32_t>();
+    cloud.fields.push_back({name, offset, type, values});
     const auto rank = static_cast<std::size_t>(std::find(kPointTimeNames.begin(), kPointTimeNames.end(), name) -
                                                kPointTimeNames.begin());
     if (const auto time_type = timeType(type); rank < best && time_type && values <= 1) {
@@ -153,6 +154,7 @@ CloudMessage readLivox(MessageReader& reader) {
                        kAgain);
   cloud.x = 4, cloud.y = 8, cloud.z = 12;
   cloud.time = TimeField{0, TimeField::Type::Uint32, kPointTimeNames.front()};
+  cloud.fields = {{"reflectivity", 16, kUint8, 1}, {"tag", 17, kUint8, 1}, {"line", 18, kUint8, 1}};
   cloud.point_bytes = reader.wire() == Wire::Cdr ? 20 : kPoint;
   if (cloud.columns == 0) return cloud;
   // The last point is not filled up.

@@ -76,6 +76,14 @@ struct TimeField {
   std::string_view name;
 };
 
+/// A number in each point, of the types of sensor_msgs/PointField. Not checked.
+struct CloudField {
+  std::string_view name;
+  std::uint64_t offset = 0;
+  std::uint8_t type = 0;
+  std::uint32_t count = 0;
+};
+
 /// A cloud whose points are all inside of its data: checked.
 struct CloudMessage {
   Header header;
@@ -84,6 +92,7 @@ struct CloudMessage {
   std::uint64_t x = 0, y = 0, z = 0;  ///< offsets in a point
   bool doubles = false;               ///< float64, else float32
   std::optional<TimeField> time;      ///< inside of the points: checked
+  std::vector<CloudField> fields;     ///< all of them
   std::string_view data;
 
   [[nodiscard]] std::uint64_t points() const { return rows * columns; }

@@ -113,6 +113,11 @@ void requireName(const char* file) {
   if (*file == '\0') throw InvalidArgument("c_api.value", "file", "is empty", "Name the file of the state");
 }
 
+std::span<const std::int32_t> valuesOf(const std::int32_t* attributes, std::size_t count) {
+  capi::requireArray("attributes", attributes, count, sizeof(std::int32_t), alignof(std::int32_t));
+  return {attributes, count};
+}
+
 const accessvdb::FieldSnapshot& snapshotOf(const accessvdb_field* field) {
   if (field->snapshot) return *field->snapshot;
   throw InvalidArgument("snapshot.none", "", "no snapshot has been taken", "Call accessvdb_field_take_snapshot first");
@@ -217,6 +222,51 @@ int accessvdb_field_integrate_rays_at(accessvdb_field* field, const double* poin
     const auto points = vectors("points_W", points_W, point_count);
     const auto origins = vectors("origins_W", origins_W, origin_count);
     writeStats(stats, size, field->field.integrateRays(points, origins, stamp_s));
+  });
+}
+
+int accessvdb_field_integrate_scan_carrying(accessvdb_field* field, const float* points_S, std::size_t point_count,
+                                            const double* T_W_S, double stamp_s, const std::int32_t* attributes,
+                                            std::size_t attribute_count, accessvdb_frame_stats* stats) noexcept {
+  return onField(field, [&] {
+    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
+    const auto points = vectors("points_S", points_S, point_count);
+    const auto values = valuesOf(attributes, attribute_count);
+    writeStats(stats, size, field->field.integrateScan(points, poseFromC(T_W_S), stamp_s, values));
+  });
+}
+
+int accessvdb_field_integrate_rays_carrying(accessvdb_field* field, const double* points_W, std::size_t point_count,
+                                            const double* origins_W, std::size_t origin_count, double stamp_s,
+                                            const std::int32_t* attributes, std::size_t attribute_count,
+                                            accessvdb_frame_stats* stats) noexcept {
+  return onField(field, [&] {
+    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
+    const auto points = vectors("points_W", points_W, point_count);
+    const auto origins = vectors("origins_W", origins_W, origin_count);
+    const auto values = valuesOf(attributes, attribute_count);
+    writeStats(stats, size, field->field.integrateRays(points, origins, stamp_s, values));
+  });
+}
+
+int accessvdb_field_copy_attribute(accessvdb_field* field, std::size_t column, std::size_t first, std::size_t count,
+                                   std::int32_t* values) noexcept {
+  return onField(field, [&] {
+    const std::vector<accessvdb::AttributeColumn>& columns = snapshotOf(field).attributes;
+    if (column >= columns.size()) {
+      throw InvalidArgument("carry.column", std::to_string(column),
+                            "is not one of the " + std::to_string(columns.size()) + " attributes of this field",
+                            "Count the names in accessvdb_params::carry from 0");
+    }
+    const std::vector<std::int32_t>& all = columns[column].values;
+    capi::requireArray("values", values, count, sizeof(std::int32_t), alignof(std::int32_t));
+    if (first > all.size() || count > all.size() - first) {
+      throw InvalidArgument(
+          "snapshot.range", "",
+          std::to_string(count) + " points from " + std::to_string(first) + " on, of " + std::to_string(all.size()),
+          "Stay within the snapshot");
+    }
+    std::copy_n(all.begin() + static_cast<std::ptrdiff_t>(first), count, values);
   });
 }
 

@@ -33,6 +33,8 @@ void takeFromC(const accessvdb_params& c, Params& params) {
         value = static_cast<Value>(requireChoice(row.c_name, given, 0, kLastInC<Value>));
       } else if constexpr (std::is_same_v<Value, OrientationSet>) {
         if (given != nullptr) value = OrientationSet::parse(given);
+      } else if constexpr (std::is_same_v<Value, std::vector<CarriedAttribute>>) {
+        if (given != nullptr) value = carryOf(given);
       } else if constexpr (std::is_same_v<Value, std::array<double, 3>>) {
         value = std::to_array(given);
       } else {
@@ -50,7 +52,8 @@ void giveToC(const Params& params, accessvdb_params& c) {
     using Value = std::remove_cvref_t<decltype(value)>;
     if constexpr (ParamStruct<Value>) {
       giveToC(value, c);
-    } else if constexpr (Row::has_C && !std::is_same_v<Value, OrientationSet>) {  // whose text C would have to free
+    } else if constexpr (Row::has_C && !std::is_same_v<Value, OrientationSet> &&
+                         !std::is_same_v<Value, std::vector<CarriedAttribute>>) {  // texts C would have to free
       auto& out = c.*Row::member_in_C;
       if constexpr (std::is_same_v<Value, std::array<double, 3>>) {
         std::copy(value.begin(), value.end(), out);

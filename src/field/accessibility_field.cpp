@@ -49,9 +49,9 @@ FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> po
 }
 
 FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
-                                             double stamp_s) {
+                                             double stamp_s, std::span<const std::int32_t> attributes) {
   const internal::GateScan gate = [&](FrameStats& stats) -> const internal::GatedScan& {
-    return impl_->gate.gate(points_S, T_W_S, stats);
+    return impl_->gate.gate(points_S, T_W_S, stats, attributes);
   };
   return internal::integrateScan(*impl_, gate, stamp_s);
 }
@@ -62,14 +62,15 @@ FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> po
 }
 
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
-                                             std::span<const Eigen::Vector3d> origins_W, double stamp_s) {
+                                             std::span<const Eigen::Vector3d> origins_W, double stamp_s,
+                                             std::span<const std::int32_t> attributes) {
   impl_->steps.requireUnbroken();
   if (impl_->params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("projective.rays", "", "the projective baseline needs scans with one sensor pose",
                           "Use integrateScan()");
   }
   const internal::GateScan gate = [&](FrameStats& stats) -> const internal::GatedScan& {
-    return impl_->gate.gate(points_W, origins_W, stats);
+    return impl_->gate.gate(points_W, origins_W, stats, attributes);
   };
   return internal::integrateScan(*impl_, gate, stamp_s);
 }
@@ -153,6 +154,17 @@ std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p
   return internal::scoredPoint(*impl_, id);
 }
 
+std::vector<std::int32_t> AccessibilityField::attributesAt(const Eigen::Vector3d& p_W) const {
+  impl_->steps.requireHostWhole();
+  std::vector<std::int32_t> values;
+  const std::uint32_t id = internal::idAt(*impl_, p_W);
+  const internal::PointAttributes& attributes = impl_->points.attributes();
+  for (std::size_t c = 0; id != internal::kNone && c < attributes.columns(); ++c) {
+    if (!isHidden(attributes.carried()[c])) values.push_back(attributes.value(id, c));
+  }
+  return values;
+}
+
 std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W, std::size_t tool) const {
   impl_->steps.requireWhole();
   static_cast<void>(impl_->tools.at(tool));
@@ -227,9 +239,10 @@ AccessibilityField AccessibilityField::loadState(const std::filesystem::path& fi
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
 
 FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
-                                                 std::span<const Eigen::Vector3f> q_L, double stamp_s) {
+                                                 std::span<const Eigen::Vector3f> q_L, double stamp_s,
+                                                 std::span<const std::int32_t> attributes) {
   const GateScan gate = [&](FrameStats& stats) -> const GatedScan& {
-    return field.impl_->gate.gateLocal(p_L, q_L, stats);
+    return field.impl_->gate.gateLocal(p_L, q_L, stats, attributes);
   };
   return internal::integrateScan(*field.impl_, gate, stamp_s);
 }

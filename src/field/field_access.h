@@ -30,10 +30,11 @@ struct FieldCounts {
 
 struct FieldAccess {
   /// Fuses returns that passed a gate before (ScanGate), as it left them: in the local frame, metres, float32. Ranges
-  /// are not checked again. @param q_L  [n] or [1] sensor positions  @param stamp_s  as for integrateScan()
+  /// are not checked again. @param q_L  [n] or [1] sensor positions  @param stamp_s, attributes  as for integrateScan()
   static FrameStats integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
                                    std::span<const Eigen::Vector3f> q_L,
-                                   double stamp_s = std::numeric_limits<double>::quiet_NaN());
+                                   double stamp_s = std::numeric_limits<double>::quiet_NaN(),
+                                   std::span<const std::int32_t> attributes = {});
   /// Of a tile: brings its time to that of the larger map (frame_loop.h).
   static void advanceTime(AccessibilityField& field, std::optional<double> latest_s, double age_s);
   /// @param tools  named @throws UnusableInput "state.tool" if the state is not of these

@@ -76,7 +76,7 @@ void internal::writeFieldFiles(const AccessibilityField& field, const SurfacePoi
     writeFieldVdb(folder / "field.vdb", field, points, options);
     io::writePointsVdb(folder / "field_points.vdb", points, metadata, options);
     io::writePointsPly(folder / "points.ply", points, metadata);
-    if (options.points_las) io::writePointsLas(folder / "points.las", points);
+    if (options.points_las) io::writePointsLas(folder / "points.las", points, options.frame);
   });
 }
 

@@ -44,10 +44,11 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
       gone_cells(params.change.mode == ChangeMode::Full ? std::make_unique<GoneCells>(map, points, params.tsdf)
                                                         : nullptr),
       left_out_points(tools.margins(), params),
-      gate(params.tsdf, params.origin_W, returnsInWindow(params, tools.margins())),
+      gate(params.tsdf, params.origin_W, returnsInWindow(params, tools.margins()), params.carry.size()),
       left_out(map, points, gate, left_out_points),
       scheduler(tools.makeScheduler()),
       steps(views) {
+  points.carry(params.carry);
   static_assert(ScanIntegrator::kLists <= UpdateScheduler::kMostLists);
   static_assert(FreeGenerations::kLists <= UpdateScheduler::kMostLists);
   integrator.noteDistances(mirrors.mirrorsDistances() || scheduler->needs().distances);

@@ -55,7 +55,7 @@ double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, Fram
     field.steps.waitForMap();
     field.points.describeTouched(scheduler.needs().deltas);
     placed = &field.left_out.placed(scan, stats);
-    touched = &field.points.addReturns(placed->p_L, placed->q_L);
+    touched = &field.points.addReturns(placed->p_L, placed->q_L, placed->attributes);
   };
   // What is news is judged before free space ages.
   const auto bin_and_age = [&] {

@@ -14,6 +14,8 @@ const GatedScan& LeftOutReturns::placed(const GatedScan& scan, FrameStats& stats
   if (map_.grows()) return scan;
   placed_.p_L.clear();
   placed_.q_L.clear();
+  placed_.attributes.clear();
+  const std::size_t width = points_.attributes().columns();
   if (scan.q_L.size() == 1) placed_.q_L = scan.q_L;
   ConstPackedAccessor accessor(map_.tree());
   for (std::size_t n = 0; n < scan.p_L.size(); ++n) {
@@ -21,6 +23,8 @@ const GatedScan& LeftOutReturns::placed(const GatedScan& scan, FrameStats& stats
     if (!map_.hasPlaceFor({voxel[0], voxel[1], voxel[2]}, accessor)) continue;
     placed_.p_L.push_back(scan.p_L[n]);
     if (scan.q_L.size() != 1) placed_.q_L.push_back(scan.q_L[n]);
+    const auto own = scan.attributes.begin() + static_cast<std::ptrdiff_t>(n * width);
+    placed_.attributes.insert(placed_.attributes.end(), own, own + static_cast<std::ptrdiff_t>(width));
   }
   if (placed_.p_L.empty()) placed_.q_L.assign(1, scan.q_L[0]);
   stats.left_out_returns = scan.p_L.size() - placed_.p_L.size();

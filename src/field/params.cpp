@@ -10,6 +10,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/params_rows.h"
+#include "field/carry.h"
 #include "field/thread_count.h"
 
 namespace accessvdb {
@@ -217,6 +218,7 @@ FieldParams FieldParams::resolved() const {
   requireRanges(p, p);
   if (p.window) requireWindow(p);
   requireOrientations(p);
+  internal::requireCarry(p.carry);
   return p;
 }
 
@@ -257,6 +259,7 @@ std::string FieldParams::describe() const {
     const auto& value = this->*Row::member;
     if constexpr (ParamStruct<std::remove_cvref_t<decltype(value)>>) putAll(putAll, value, "");
   });
+  if (const std::string names = carryText(carry); !names.empty()) put("carry", names);
   return out;
 }
 

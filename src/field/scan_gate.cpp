@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "accessvdb/attributes.h"
 #include "accessvdb/error.h"
 #include "hostdev/position_voxel.h"
 #include "hostdev/voxel_scale.h"
@@ -35,10 +36,11 @@ Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
 }  // namespace
 
 ScanGate::ScanGate(const TsdfParams& resolved, const std::optional<std::array<double, 3>>& origin_W,
-                   const std::optional<VoxelColumnBox>& window)
+                   const std::optional<VoxelColumnBox>& window, std::size_t attributes)
     : params_(resolved),
       inverse_voxel_size_(kernels::VoxelScale(resolved.voxel_size_m).inverse_float32),
-      window_(window) {
+      window_(window),
+      attributes_(attributes) {
   if (origin_W) setOrigin({(*origin_W)[0], (*origin_W)[1], (*origin_W)[2]});
 }
 
@@ -79,12 +81,22 @@ ScanGate::Checked ScanGate::checkLocal(const Eigen::Vector3f& p_L, const Eigen::
 void ScanGate::startScan(const Eigen::Matrix3d& R_W_S) {
   scan_.p_L.clear();
   scan_.q_L.clear();
+  scan_.attributes.clear();
   scan_.R_W_S = R_W_S;
+}
+
+void ScanGate::requireAttributes(std::size_t returns, Attributes attributes) const {
+  if (attributes.empty() || attributes.size() == returns * attributes_) return;
+  throw InvalidArgument("carry.sizes", "attributes",
+                        "there are " + std::to_string(attributes.size()) + " values for " + std::to_string(returns) +
+                            " returns with " + std::to_string(attributes_) + " each",
+                        "Pass one value per return for each of FieldParams::carry");
 }
 
 /// Adds the returns that are kept, in order. @param checkOf  (n) -> Checked of return n, from any thread
 template <typename CheckOf>
-void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats) {
+void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats,
+                     Attributes attributes) {
   GatedScan& scan = scan_;
   scan.p_L.reserve(count);
   checked_.resize(std::max(checked_.size(), std::min(count, kMostChecked)));
@@ -102,13 +114,19 @@ void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf
       if (one.outside) continue;
       scan.p_L.push_back(one.p_L);
       if (own_origins) scan.q_L.push_back(one.q_L);
+      if (!attributes.empty()) {
+        const auto own = attributes.begin() + static_cast<std::ptrdiff_t>(n * attributes_);
+        scan.attributes.insert(scan.attributes.end(), own, own + static_cast<std::ptrdiff_t>(attributes_));
+      }
       ++stats.points_used;
     }
   }
+  if (attributes.empty()) scan.attributes.assign(scan.p_L.size() * attributes_, kNoAttribute);
 }
 
 const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
-                                FrameStats& stats) {
+                                FrameStats& stats, Attributes attributes) {
+  requireAttributes(points_S.size(), attributes);
   const Eigen::Matrix3d R = T_W_S.linear();
   const Eigen::Vector3d t = T_W_S.translation();
   const double skew = (R.transpose() * R - Eigen::Matrix3d::Identity()).lpNorm<Eigen::Infinity>();
@@ -128,13 +146,14 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const
     if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) return Checked{{}, {}, DropReason::NoReturn};
     return check(R * p_S.cast<double>() + q_L, q_L);
   };
-  admit(points_S.size(), false, checkOf, stats);
+  admit(points_S.size(), false, checkOf, stats, attributes);
   scan_.q_L.push_back(q_L.cast<float>());
   return scan_;
 }
 
 const GatedScan& ScanGate::gateLocal(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                                     FrameStats& stats) {
+                                     FrameStats& stats, Attributes attributes) {
+  requireAttributes(p_L.size(), attributes);
   startScan(Eigen::Matrix3d::Identity());
   stats.points_in += p_L.size();
   const bool own = q_L.size() > 1;
@@ -148,13 +167,14 @@ const GatedScan& ScanGate::gateLocal(std::span<const Eigen::Vector3f> p_L, std::
     if (!inside(p_L[n]) || !inside(q)) return Checked{{}, {}, DropReason::OutOfBounds};
     return checkLocal(p_L[n], q);
   };
-  admit(p_L.size(), own, checkOf, stats);
+  admit(p_L.size(), own, checkOf, stats, attributes);
   if (!own && !q_L.empty()) scan_.q_L.push_back(q_L.front());
   return scan_;
 }
 
 const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
-                                FrameStats& stats) {
+                                FrameStats& stats, Attributes attributes) {
+  requireAttributes(points_W.size(), attributes);
   if (origins_W.size() != 1 && origins_W.size() != points_W.size()) {
     throw InvalidArgument("rays.sizes", "origins_W", "there must be one origin, or one for each point",
                           "Pass arrays of equal length");
@@ -176,7 +196,7 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::
   const auto checkOf = [&](std::size_t n) {
     return check(roundToStep(points_W[n] - origin_W_), roundToStep(origins_W[own ? n : 0] - origin_W_));
   };
-  admit(points_W.size(), own, checkOf, stats);
+  admit(points_W.size(), own, checkOf, stats, attributes);
   if (!own) scan_.q_L.push_back(roundToStep(origins_W.front() - origin_W_).cast<float>());
   return scan_;
 }

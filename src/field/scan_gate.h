@@ -22,23 +22,29 @@ namespace accessvdb::internal {
 struct GatedScan {
   std::vector<Eigen::Vector3f> p_L;
   std::vector<Eigen::Vector3f> q_L;                     ///< [n], or [1] for all
+  std::vector<std::int32_t> attributes;                 ///< [n x FieldParams::carry], row by row
   Eigen::Matrix3d R_W_S = Eigen::Matrix3d::Identity();  ///< the sensor's, if the scan has one pose
 };
 
 class ScanGate {
  public:
   /// @param origin_W  see FieldParams::origin_W  @param window  returns elsewhere are skipped: neither used nor dropped
+  /// @param attributes  how many values each return carries
   explicit ScanGate(const TsdfParams& resolved, const std::optional<std::array<double, 3>>& origin_W = std::nullopt,
-                    const std::optional<VoxelColumnBox>& window = std::nullopt);
+                    const std::optional<VoxelColumnBox>& window = std::nullopt, std::size_t attributes = 0);
 
+  using Attributes = std::span<const std::int32_t>;
+  /// @param attributes  row by row, as many values for each return as FieldParams::carry names; empty: of none
   /// @return the good returns, valid until the next call
   /// @throws UnusableInput for a pose that is not finite and rigid
-  const GatedScan& gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats);
+  /// @throws InvalidArgument "carry.sizes"
+  const GatedScan& gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats,
+                        Attributes attributes = {});
   const GatedScan& gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
-                        FrameStats& stats);
+                        FrameStats& stats, Attributes attributes = {});
   /// Returns that passed a gate with the same origin before. @param q_L  [n] or [1]
   const GatedScan& gateLocal(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                             FrameStats& stats);
+                             FrameStats& stats, Attributes attributes = {});
 
   /// World position of the local origin: the first sensor position rounded to whole voxels.
   [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
@@ -49,7 +55,9 @@ class ScanGate {
     have_origin_ = true;
   }
   [[nodiscard]] std::uint64_t bytes() const {
-    return checked_.capacity() * sizeof(Checked) + (scan_.p_L.capacity() + scan_.q_L.capacity()) * sizeof(scan_.p_L[0]);
+    return checked_.capacity() * sizeof(Checked) +
+           (scan_.p_L.capacity() + scan_.q_L.capacity()) * sizeof(scan_.p_L[0]) +
+           scan_.attributes.capacity() * sizeof(scan_.attributes[0]);
   }
 
  private:
@@ -63,12 +71,14 @@ class ScanGate {
   [[nodiscard]] Checked check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const;
   [[nodiscard]] Checked checkLocal(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) const;
   void startScan(const Eigen::Matrix3d& R_W_S);
+  void requireAttributes(std::size_t returns, Attributes attributes) const;
   template <typename CheckOf>
-  void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats);
+  void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats, Attributes attributes);
 
   TsdfParams params_;
   float inverse_voxel_size_;
   std::optional<VoxelColumnBox> window_;
+  std::size_t attributes_;  ///< values per return
   // One scan's returns. The memory is reused, because the system has to clear newly allocated memory first.
   GatedScan scan_;
   std::vector<Checked> checked_;

@@ -135,6 +135,38 @@ void PointStore::prefetch(std::uint32_t id) const {
   seen_.prefetch(id);
 }
 
+const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                                            std::span<const std::int32_t> attributes) {
+  const std::uint32_t before = size();
+  const TouchedPoints& touched = addReturns(p_L, q_L);
+  if (attributes_.columns() > 0) addAttributes(p_L, q_L, attributes, before);
+  return touched;
+}
+
+/// After addReturns() of the same scan.
+void PointStore::addAttributes(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                               std::span<const std::int32_t> attributes, std::uint32_t first_new) {
+  const ReturnGroups& groups = groups_;
+  order_.resize(groups.returns.size());
+  ties_.resize(groups.size());
+  const auto same = [&](std::uint32_t a, std::uint32_t b) {
+    return p_L[a] == p_L[b] && (q_L.size() == 1 || q_L[a] == q_L[b]);
+  };
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      const std::uint32_t begin = groups.begin[g], end = groups.begin[g + 1];
+      std::uint32_t ties = 0;
+      for (std::uint32_t m = begin; m < end; ++m) {
+        order_[m] = groups.returns[m].index;
+        if (ties == m - begin && same(order_[m], order_[begin])) ++ties;
+      }
+      ties_[g] = ties;
+    }
+  });
+  attributes_.add({touched_.all, groups.begin, order_, ties_, first_new}, attributes, size(),
+                  [this](std::uint32_t id) { return sums_[id].returns; });
+}
+
 const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L,
                                             std::span<const Eigen::Vector3f> q_L) {
   TouchedPoints& touched = touched_;
@@ -293,7 +325,8 @@ std::uint64_t PointStore::bytes() const {
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
          bytesOf(touched_.all) + bytesOf(touched_.before_L) + bytesOf(touched_.views_changed) +
          bytesOf(touched_.deltas) + bytesOf(touched_.changed_blocks) + bytesOf(groups_.returns) +
-         bytesOf(groups_.spare) + bytesOf(groups_.begin) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_);
+         bytesOf(groups_.spare) + bytesOf(groups_.begin) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_) +
+         bytesOf(order_) + bytesOf(ties_) + attributes_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -11,10 +11,12 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/params.h"
 #include "launch/point_delta.h"
+#include "points/point_attributes.h"
 #include "points/seen_directions.h"
 #include "points/surface_index.h"
 
@@ -62,6 +64,13 @@ class PointStore {
   /// Adds the returns of one scan. @param q_L  [n] or [1] sensor positions
   /// @return valid until the next call
   const TouchedPoints& addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  /// The same, with what the returns carry. @param attributes  [n x attributes().columns()], row by row
+  const TouchedPoints& addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                                  std::span<const std::int32_t> attributes);
+  /// What the returns of points carry; nothing unless it was asked for.
+  void carry(std::vector<CarriedAttribute> carried) { attributes_ = PointAttributes(std::move(carried)); }
+  [[nodiscard]] const PointAttributes& attributes() const { return attributes_; }
+  [[nodiscard]] PointAttributes& attributes() { return attributes_; }
 
   [[nodiscard]] std::uint32_t size() const { return static_cast<std::uint32_t>(first_L_.size()); }
   [[nodiscard]] const SurfaceIndex& index() const { return index_; }
@@ -121,6 +130,8 @@ class PointStore {
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   void addToSums(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L);
   void refreshMean(std::uint32_t id);
+  void addAttributes(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                     std::span<const std::int32_t> attributes, std::uint32_t first_new);
 
   FieldParams params_;
   float inverse_voxel_size_;
@@ -130,12 +141,14 @@ class PointStore {
   ChunkedArray<Eigen::Vector3f> first_L_, pca_L_;
   ChunkedArray<ReturnSums> sums_;  ///< zeroed by start()
   SeenDirections seen_;
+  PointAttributes attributes_{{}};
   // For one scan; kept, because freshly allocated memory has to be cleared by the system first.
   ReturnGroups groups_;
   TouchedPoints touched_;
   std::vector<Index3> voxels_;   ///< of the groups
   std::vector<Located> places_;  ///< of the groups
   std::vector<NewVoxel> added_;
+  std::vector<std::uint32_t> order_, ties_;  ///< only where returns carry something
 };
 
 }  // namespace accessvdb::internal

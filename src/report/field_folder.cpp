@@ -32,6 +32,7 @@ FieldFolder FieldFolder::open(const std::filesystem::path& path, io::OutputCheck
     folder.origin_W = header.origin_W;
     folder.voxel_size_m = header.voxel_size_m;
     folder.metadata = header.metadata;
+    folder.attributes = header.attributes;
     return folder;
   }
   const tiles::Index index = tiles::readIndex(path, check);
@@ -43,7 +44,11 @@ FieldFolder FieldFolder::open(const std::filesystem::path& path, io::OutputCheck
     const PointFile file = {tile.id.name(), tile.folder / kPointsFile, tile.points};
     const io::PointsHeader header = io::readPointsHeader(file.path);
     if (header.points != tile.points) failDamaged(file.path);
-    if (folder.files.empty()) folder.metadata = header.metadata;
+    if (folder.files.empty()) {
+      folder.metadata = header.metadata;
+      folder.attributes = header.attributes;
+    }
+    if (header.attributes != folder.attributes) failDamaged(file.path);
     folder.files.push_back(file);
     folder.points += tile.points;
   }
@@ -57,13 +62,13 @@ std::string FieldFolder::metadataOf(const std::string& name) const {
   return {};
 }
 
-void FieldFolder::visit(const std::function<bool(const PointFile&, const SurfacePoint&)>& take) const {
+void FieldFolder::visit(const Take& take) const {
   try {
     for (const PointFile& file : files) {
       std::uint64_t seen = 0;
-      io::visitPoints(file.path, [&](const SurfacePoint& point) {
+      io::visitCarryingPoints(file.path, [&](const SurfacePoint& point, std::span<const std::int32_t> carried) {
         ++seen;
-        if (!take(file, point)) throw Enough();
+        if (!take(file, point, carried)) throw Enough();
       });
       if (seen != file.points) failDamaged(file.path);
     }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -28,8 +29,9 @@ struct FieldFolder {
   std::uint64_t points = 0;
   Eigen::Vector3d origin_W = {0, 0, 0};
   double voxel_size_m = 0;
-  io::FieldMetadata metadata;  ///< of the first file
-  bool complete = true;        ///< every tile is finished
+  io::FieldMetadata metadata;           ///< of the first file
+  std::vector<std::string> attributes;  ///< names of what the returns carried
+  bool complete = true;                 ///< every tile is finished
 
   /// Reads headers only. @param check  begins with the files  @throws InputError
   static FieldFolder open(const std::filesystem::path& folder, io::OutputCheck& check);
@@ -37,7 +39,8 @@ struct FieldFolder {
   [[nodiscard]] std::string metadataOf(const std::string& name) const;
   /// Hands over all points, file by file, in the order of their ids, until `take` returns false.
   /// @throws InputError
-  void visit(const std::function<bool(const PointFile&, const SurfacePoint&)>& take) const;
+  using Take = std::function<bool(const PointFile&, const SurfacePoint&, std::span<const std::int32_t> carried)>;
+  void visit(const Take& take) const;
 };
 
 }  // namespace accessvdb::internal

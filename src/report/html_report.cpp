@@ -3,12 +3,14 @@
 #include "accessvdb/program/html_report.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string_view>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
@@ -20,7 +22,7 @@
 #include "report/page_text.h"
 #include "report/point_packer.h"
 #include "report/run_record.h"
-#include "report/surface_area.h"
+#include "report/table_maker.h"
 #include "report/text_coding.h"
 #include "report/tool_drawing.h"
 #include "report/voxel_thinning.h"
@@ -32,11 +34,13 @@ using Json = nlohmann::ordered_json;
 
 /// Drawn positions are off by half a step at most: 1/16 of a voxel. Twice as fine would make the file 6 % larger.
 constexpr double kStepsPerVoxel = 8;
+/// Rows of a table that the page shows.
+constexpr std::size_t kMostRows = 1000;
 
 /// Counts of the points with one label and one reason.
 struct ClassCount {
   std::uint64_t points = 0, drawn = 0;
-  double area_m2 = 0;
+  ExactArea area = {};
 };
 
 double numberOr(const std::string& text, double otherwise) {
@@ -106,17 +110,20 @@ class Page {
       out << "<script type=\"text/plain\" class=\"points\">" << block.base64 << "</script>\n";
       blocks_.push_back({{"tile", block.tile}, {"points", block.points}, {"base", block.base}});
     });
-    folder_.visit([&](const internal::PointFile& file, const SurfacePoint& point) {
-      ClassCount& count = classes_[static_cast<std::size_t>(point.label)][static_cast<std::size_t>(point.reason)];
-      ++count.points;
-      count.area_m2 += internal::areaOfPoint_m2(point.normal_W, folder_.voxel_size_m);
-      bounds_W_.extend(point.position_W);
-      if (!thinning.keep(point)) return true;
-      ++count.drawn;
-      packer.add(file.tile, point);
-      return true;
-    });
+    internal::TableMaker table(folder_.voxel_size_m, folder_.attributes);
+    folder_.visit(
+        [&](const internal::PointFile& file, const SurfacePoint& point, std::span<const std::int32_t> carried) {
+          ClassCount& count = classes_[static_cast<std::size_t>(point.label)][static_cast<std::size_t>(point.reason)];
+          ++count.points;
+          count.area.steps += table.add(point, carried);
+          bounds_W_.extend(point.position_W);
+          if (!thinning.keep(point)) return true;
+          ++count.drawn;
+          packer.add(file.tile, point);
+          return true;
+        });
     packer.finish();
+    table_ = table.finish();
     result_.drawn = thinning.kept();
     const auto list = [](const std::vector<Eigen::Vector3f>& vectors, Json& json) {
       for (const Eigen::Vector3f& vector : vectors) {
@@ -140,8 +147,40 @@ class Page {
                         {"reason", name(static_cast<PointReason>(reason))},
                         {"points", count.points},
                         {"drawn", count.drawn},
-                        {"area_m2", count.area_m2}});
+                        {"area_m2", count.area.m2(folder_.voxel_size_m)}});
       }
+    }
+    return list;
+  }
+
+  /// The largest rows of each attribute; table.csv has all of them.
+  Json tables() const {
+    Json list = Json::array();
+    const double v = folder_.voxel_size_m;
+    for (const std::string& attribute : folder_.attributes) {
+      std::vector<const PointRow*> rows;
+      for (const PointRow& row : table_.rows) {
+        if (row.attribute == attribute) rows.push_back(&row);
+      }
+      const std::size_t all = rows.size();
+      std::stable_sort(rows.begin(), rows.end(),
+                       [](const PointRow* a, const PointRow* b) { return a->allArea().steps > b->allArea().steps; });
+      rows.resize(std::min(rows.size(), kMostRows));
+      Json lines = Json::array();
+      for (const PointRow* row : rows) {
+        Json areas = Json::object();
+        for (int n = 0; n < kNumPointReasons; ++n) {
+          const ExactArea& area = row->area[static_cast<std::size_t>(n)];
+          if (area.steps > 0) areas[name(static_cast<PointReason>(n))] = area.m2(v);
+        }
+        lines.push_back({{"id", row->id ? Json(*row->id) : Json(nullptr)},
+                         {"points", row->allPoints()},
+                         {"area_m2", row->allArea().m2(v)},
+                         {"reasons_m2", areas},
+                         {"low", jsonVector(row->box_W.min())},
+                         {"high", jsonVector(row->box_W.max())}});
+      }
+      list.push_back({{"attribute", attribute}, {"rows", lines}, {"rows_total", all}});
     }
     return list;
   }
@@ -203,6 +242,12 @@ class Page {
         {"hashes", hashes()},
         {"tool", tool()}};
     if (!ups_.empty()) json["ups"] = ups_;
+    if (!folder_.attributes.empty()) json["tables"] = tables();
+    for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"title", options_.title},
+                                    {"client", options_.client},
+                                    {"site", options_.site}}) {
+      if (!text.empty()) json["header"][key] = text;
+    }
     if (!bounds_W_.isEmpty()) json["bounds"] = {jsonVector(bounds_W_.min()), jsonVector(bounds_W_.max())};
     Json problems = Json::array();
     for (const auto& [id, text] : result_.warnings) problems.push_back({{"id", id}, {"text", text}});
@@ -215,6 +260,7 @@ class Page {
   internal::FieldFolder folder_;
   internal::RunRecord run_;
   std::array<std::array<ClassCount, kNumPointReasons>, kNumPointLabels> classes_ = {};
+  PointTable table_;
   Eigen::AlignedBox3d bounds_W_;
   Json blocks_ = Json::array(), directions_ = Json::array(), ups_ = Json::array();
 };

@@ -39,7 +39,7 @@ double thinningCell_m(const FieldFolder& folder, std::uint64_t most) {
   for (;;) {
     VoxelThinning thinning(folder.origin_W, cell_m);
     std::uint64_t seen = 0;
-    folder.visit([&](const PointFile&, const SurfacePoint& point) {
+    folder.visit([&](const PointFile&, const SurfacePoint& point, std::span<const std::int32_t>) {
       ++seen;
       thinning.keep(point);
       return thinning.kept() <= most;

@@ -134,7 +134,8 @@ int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& 
   // Record and state of a point for a tool; and its position, sums, views and block once more for tools that are tried
   // in other directions than the first.
   constexpr int kStateBytes = 136, kViewBytes = 144;
-  int bytes = 0;
+  constexpr int kCarried = 3;  // the 4.1 bytes of an attribute, in this unit
+  int bytes = kCarried * static_cast<int>(params.carry.size());
   for (std::size_t k = 0; k < tools.size(); ++k) {
     FieldParams of_tool = params;
     of_tool.approach.orientations = tools[k].orientations;

@@ -167,7 +167,7 @@ OwnFiles ownFilesOfTile(const fs::path& folder) {
   OwnFiles own;
   std::set<std::string> names;
   if (isAttemptName(folder.filename().string())) {
-    names = {kPointsFile, kLasFile, kGridsFile, kPointGridFile, kOrderFile, kTileManifest};
+    names = {kPointsFile, kLasFile, kGridsFile, kPointGridFile, kOrderFile, kFirstFile, kTileManifest};
   } else {
     const Json manifest = objectIn(folder / kTileManifest);
     if (manifest.contains("files") && manifest["files"].is_object()) {

@@ -80,10 +80,13 @@ TilePointsHeader readHeader(HashedFile& file) {
     header.columns.orientation = header.columns.orientation || text == kOrientationLine;
     header.columns.roll = header.columns.roll || text == kRollLine;
     header.columns.tools = header.columns.tools || text == kToolsLine;
+    if (text.starts_with(internal::kPointsPlyCarried))
+      header.carried.push_back(text.substr(std::strlen(internal::kPointsPlyCarried)));
     if (text.starts_with(kCountLine)) {
       std::from_chars(text.data() + std::strlen(kCountLine), text.data() + text.size(), header.points);
     }
   } while (header.lines.back() != "end_header");
+  header.columns.carried = header.carried.size();
   return header;
 }
 

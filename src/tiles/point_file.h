@@ -47,6 +47,7 @@ struct TilePointsHeader {
   std::vector<std::string> lines;  ///< up to and including end_header
   std::uint64_t points = 0;
   internal::PointsPlyColumns columns;                ///< of its records
+  std::vector<std::string> carried;                  ///< names of the last columns
   [[nodiscard]] io::FieldMetadata metadata() const;  ///< from its comments; without version, origin and voxel size
 };
 [[nodiscard]] TilePointsHeader readHeader(HashedFile& file);

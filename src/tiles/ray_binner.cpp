@@ -27,7 +27,7 @@ std::uint64_t addTo(ShardBuffer& buffer, std::uint32_t step, StepSorter& sorter,
   std::uint64_t stored = 0;
   for (const TileIndex& tile : sorter.sort(scan)) {
     const StepSorter::Returns returns = sorter.returnsOf(tile, scan);
-    buffer.add(tile, step, returns.p_L, returns.q_L);
+    buffer.add(tile, step, returns.p_L, returns.q_L, returns.attributes);
     stored += returns.p_L.size();
   }
   return stored;
@@ -41,7 +41,7 @@ class Binner {
         flights_(flights),
         watch_(watch),
         params_(job.params.resolved()),
-        gate_(params_.tsdf, job.plan.origin_W),
+        gate_(params_.tsdf, job.plan.origin_W, std::nullopt, params_.carry.size()),
         sorter_(job.plan.tile_voxels, job.plan.margin_voxels, params_.tsdf.voxel_size_m) {
     for (const Flight& flight : job.plan.flights) {
       for (const PlannedInput& input : flight.inputs) planned_.emplace(input.path, &input);
@@ -85,8 +85,10 @@ class Binner {
   }
   void add(std::uint32_t step, const io::ScanRecord& record, ShardIndex& index) {
     FrameStats stats;
-    const internal::GatedScan& scan = record.points_W.empty() ? gate_.gate(record.points_S, record.T_W_S, stats)
-                                                              : gate_.gate(record.points_W, record.origins_W, stats);
+    const std::vector<std::int32_t> attributes = io::attributesFor(record, params_.carry.size());  // of any flight
+    const internal::GatedScan& scan = record.points_W.empty()
+                                          ? gate_.gate(record.points_S, record.T_W_S, stats, attributes)
+                                          : gate_.gate(record.points_W, record.origins_W, stats, attributes);
     if (!scan.p_L.empty()) addTo(buffer_, step, sorter_, scan);
     index.points_in += stats.points_in;
     index.points_used += stats.points_used;

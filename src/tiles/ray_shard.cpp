@@ -31,7 +31,8 @@ struct Tail {
   std::array<char, 8> magic = kMagic;
 };
 struct BlockHead {
-  std::uint32_t step = 0, returns = 0, own_sensors = 0;
+  std::uint32_t step = 0, returns = 0;
+  std::uint16_t own_sensors = 0, attributes = 0;
 };
 struct IndexHead {
   std::uint64_t first_step = 0, end_step = 0, points_in = 0, points_used = 0, truncated_points = 0;
@@ -95,12 +96,15 @@ void ShardBuffer::append(Rays& rays, const void* data, std::size_t bytes) {
 }
 
 void ShardBuffer::add(const TileIndex& tile, std::uint32_t step, std::span<const Eigen::Vector3f> p_L,
-                      std::span<const Eigen::Vector3f> q_L) {
+                      std::span<const Eigen::Vector3f> q_L, std::span<const std::int32_t> attributes) {
   Rays& rays = tiles_[tile];
-  const BlockHead head = {step, static_cast<std::uint32_t>(p_L.size()), q_L.size() > 1 ? 1u : 0u};
+  const BlockHead head = {step, static_cast<std::uint32_t>(p_L.size()),
+                          static_cast<std::uint16_t>(q_L.size() > 1 ? 1 : 0),
+                          static_cast<std::uint16_t>(attributes.size() / p_L.size())};
   append(rays, &head, sizeof head);
   append(rays, q_L.data(), q_L.size_bytes());
   append(rays, p_L.data(), p_L.size_bytes());
+  if (!attributes.empty()) append(rays, attributes.data(), attributes.size_bytes());
   rays.returns += p_L.size();
 }
 
@@ -202,12 +206,18 @@ bool SegmentReader::next(RayBlock& block) {
   BlockHead head;
   take(&head, sizeof head);
   const std::uint64_t sensors = head.own_sensors != 0 ? head.returns : 1;
-  if (head.returns == 0 || (sensors + head.returns) * sizeof(Eigen::Vector3f) > left_) fail();
+  const std::uint64_t attributes = std::uint64_t{head.returns} * head.attributes;
+  if (head.returns == 0 ||
+      (sensors + head.returns) * sizeof(Eigen::Vector3f) + attributes * sizeof(std::int32_t) > left_) {
+    fail();
+  }
   block.step = head.step;
   block.q_L.resize(sensors);
   block.p_L.resize(head.returns);
   take(block.q_L.data(), block.q_L.size() * sizeof(Eigen::Vector3f));
   take(block.p_L.data(), block.p_L.size() * sizeof(Eigen::Vector3f));
+  block.attributes.resize(attributes);
+  if (attributes > 0) take(block.attributes.data(), attributes * sizeof(std::int32_t));
   return true;
 }
 

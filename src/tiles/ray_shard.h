@@ -7,8 +7,9 @@
 ///   index    the steps and what became of their returns; the segments with their hashes
 ///   tail     where the index is, its hash, magic
 ///
-/// A block is {step u32, returns u32, own sensors u32}, one sensor position or one per return, then the positions;
-/// all are float32 in the local frame, metres, little endian: 12 bytes per return, 24 with own sensors.
+/// A block is {step u32, returns u32, own sensors u16, attributes u16}, one sensor position or one per return, then the
+/// positions; all are float32 in the local frame, metres, little endian: 12 bytes per return, 24 with own sensors. Last
+/// comes what the returns carry, 4 bytes each.
 #pragma once
 
 #include <Eigen/Core>
@@ -47,9 +48,9 @@ struct ShardIndex {
 /// Returns of consecutive steps in memory, by tile.
 class ShardBuffer {
  public:
-  /// @param q_L  one position for all returns, or one for each
+  /// @param q_L  one position for all returns, or one for each  @param attributes  a row for each return
   void add(const TileIndex& tile, std::uint32_t step, std::span<const Eigen::Vector3f> p_L,
-           std::span<const Eigen::Vector3f> q_L);
+           std::span<const Eigen::Vector3f> q_L, std::span<const std::int32_t> attributes = {});
   [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
   /// Writes the file durably and empties the buffer. @param index  all but its segments  @throws OutputError
   void write(const std::filesystem::path& path, const std::string& plan_id, ShardIndex index);
@@ -75,6 +76,7 @@ class ShardBuffer {
 struct RayBlock {
   std::uint32_t step = 0;
   std::vector<Eigen::Vector3f> p_L, q_L;
+  std::vector<std::int32_t> attributes;  ///< row by row
 };
 
 /// The blocks of one segment, one after the other.

@@ -55,6 +55,7 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
     throw InvalidArgument("rolling.params", "params", problem, advice);
   };
   if (params.window) refuse("have a window, but a rolling field makes its own tiles", "Leave it out");
+  if (!params.carry.empty()) refuse("carry attributes", "Leave them out, or map in tiles");
   if (params.update.budget_points > 0) refuse("have a budget, which is shared among all points", "Leave it out");
   if (params.update.policy == UpdatePolicy::Paper) refuse("have the paper's policy", "Use UpdatePolicy::Exact");
   if (params.tsdf.region == UpdateRegion::Projective) refuse("have projective fusion", "Use another UpdateRegion");

@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tiles/step_sorter.h"
 
+#include <algorithm>
+
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
 
@@ -12,6 +14,16 @@ void gather(const std::vector<Eigen::Vector3f>& from, const std::vector<std::uin
             std::vector<Eigen::Vector3f>& to) {
   to.resize(which.size());
   for (std::size_t n = 0; n < which.size(); ++n) to[n] = from[which[n]];
+}
+
+void gatherRows(const std::vector<std::int32_t>& from, std::size_t rows, const std::vector<std::uint32_t>& which,
+                std::vector<std::int32_t>& to) {
+  const std::size_t width = from.size() / rows;
+  to.resize(which.size() * width);
+  for (std::size_t n = 0; n < which.size(); ++n) {
+    std::copy_n(from.begin() + static_cast<std::ptrdiff_t>(which[n] * width), width,
+                to.begin() + static_cast<std::ptrdiff_t>(n * width));
+  }
 }
 
 }  // namespace
@@ -47,10 +59,11 @@ std::span<const TileIndex> StepSorter::sort(const internal::GatedScan& scan) {
 StepSorter::Returns StepSorter::returnsOf(const TileIndex& tile, const internal::GatedScan& scan) {
   const std::vector<std::uint32_t>& which = returns_of_.at(tile);
   gather(scan.p_L, which, p_L_);
+  gatherRows(scan.attributes, scan.p_L.size(), which, attributes_);
   // One return with its own sensor has one sensor, as it should.
-  if (scan.q_L.size() <= 1) return {p_L_, scan.q_L};
+  if (scan.q_L.size() <= 1) return {p_L_, scan.q_L, attributes_};
   gather(scan.q_L, which, q_L_);
-  return {p_L_, q_L_};
+  return {p_L_, q_L_, attributes_};
 }
 
 }  // namespace accessvdb::tiles

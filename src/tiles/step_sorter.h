@@ -26,6 +26,7 @@ class StepSorter {
 
   struct Returns {
     std::span<const Eigen::Vector3f> p_L, q_L;  ///< q_L: [n] or [1], as in the scan
+    std::span<const std::int32_t> attributes;   ///< a row for each
   };
   /// Of the scan that was sorted last. Valid until the next call. @param tile  one of those
   Returns returnsOf(const TileIndex& tile, const internal::GatedScan& scan);
@@ -44,6 +45,7 @@ class StepSorter {
   std::unordered_map<TileIndex, std::vector<std::uint32_t>, Hash> returns_of_;
   std::vector<TileIndex> touched_;
   std::vector<Eigen::Vector3f> p_L_, q_L_;
+  std::vector<std::int32_t> attributes_;
 };
 
 }  // namespace accessvdb::tiles

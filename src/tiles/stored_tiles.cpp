@@ -39,6 +39,7 @@ class Joined {
     if (!better) return;
     answer_.field.point = found.point;
     answer_.field.point_distance_m = found.point_distance_m;
+    answer_.field.attributes = found.attributes;
     answer_.tile = tile.id;
     own_voxel_ = own_voxel;
   }

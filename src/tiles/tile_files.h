@@ -17,6 +17,7 @@ inline constexpr const char* kLasFile = "points.las";
 inline constexpr const char* kGridsFile = "field.vdb";
 inline constexpr const char* kPointGridFile = "field_points.vdb";
 inline constexpr const char* kOrderFile = "order.bin";
+inline constexpr const char* kFirstFile = "first.bin";
 inline constexpr const char* kTileManifest = "tile.json";
 
 [[nodiscard]] std::filesystem::path tileFolder(const std::filesystem::path& out, const TileId& id);
@@ -67,5 +68,14 @@ struct PointOrder {
 };
 #pragma pack(pop)
 static_assert(sizeof(PointOrder) == 12);
+
+/// first.bin: of each point of points.ply, for points.las, where the scans are LAS.
+#pragma pack(push, 1)
+struct StoredFirst {
+  double gps_time = 0;
+  std::uint8_t point_class = 0;
+};
+#pragma pack(pop)
+static_assert(sizeof(StoredFirst) == 9);
 
 }  // namespace accessvdb::tiles

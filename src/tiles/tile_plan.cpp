@@ -42,6 +42,52 @@ Json content(const Plan& plan, std::size_t flights) {
           {"bin_bytes", plan.bin_bytes},     {"flights", of_flights}};
 }
 
+/// Bytes as pairs of hexadecimal digits: JSON holds text alone.
+std::string hexText(const std::string& bytes) {
+  constexpr const char* kDigits = "0123456789abcdef";
+  std::string text;
+  for (const char c : bytes) {
+    const auto byte = static_cast<unsigned char>(c);
+    text += {kDigits[byte >> 4], kDigits[byte & 15]};
+  }
+  return text;
+}
+std::string bytesOfHex(const std::string& text) {
+  std::string bytes;
+  for (std::size_t n = 0; n + 1 < text.size(); n += 2) {
+    bytes += static_cast<char>(std::stoi(text.substr(n, 2), nullptr, 16));
+  }
+  return bytes;
+}
+
+Json frameJson(const SurveyFrame& frame) {
+  return {{"wkt", hexText(frame.wkt)},
+          {"geo_keys", hexText(frame.geo_keys)},
+          {"geo_doubles", hexText(frame.geo_doubles)},
+          {"geo_texts", hexText(frame.geo_texts)},
+          {"wkt_counts", frame.wkt_counts},
+          {"unit_m", {frame.unit_m.x(), frame.unit_m.y(), frame.unit_m.z()}},
+          {"year", frame.year},
+          {"day", frame.day},
+          {"adjusted_gps_time", frame.adjusted_gps_time},
+          {"first_returns", frame.first_returns}};
+}
+SurveyFrame frameFrom(const Json& json) {
+  SurveyFrame frame;
+  const auto text = [&](const char* name) { return bytesOfHex(json.at(name).get<std::string>()); };
+  frame.wkt = text("wkt");
+  frame.geo_keys = text("geo_keys");
+  frame.geo_doubles = text("geo_doubles");
+  frame.geo_texts = text("geo_texts");
+  json.at("wkt_counts").get_to(frame.wkt_counts);
+  for (std::size_t axis = 0; axis < 3; ++axis) frame.unit_m[static_cast<int>(axis)] = json.at("unit_m").at(axis);
+  json.at("year").get_to(frame.year);
+  json.at("day").get_to(frame.day);
+  json.at("adjusted_gps_time").get_to(frame.adjusted_gps_time);
+  json.at("first_returns").get_to(frame.first_returns);
+  return frame;
+}
+
 /// "name value" per line.
 std::vector<std::pair<std::string, std::string>> valuesOf(const std::string& text) {
   std::vector<std::pair<std::string, std::string>> values;
@@ -136,6 +182,7 @@ std::array<double, 3> originOf(io::ScanSequence& scans, const FieldParams& param
 void writePlan(const std::filesystem::path& out, const Plan& plan) {
   Json json = {{"schema", kSchema}, {"id", identified(plan).id()}};
   json.update(content(plan, plan.flights.size()));
+  if (const SurveyFrame& frame = plan.frame; frame.hasSystem() || frame.first_returns) json["frame"] = frameJson(frame);
   for (std::size_t n = 0; n < plan.flights.size(); ++n) {
     Json& flight = json["flights"][n];
     flight["stamps_s"] = plan.flights[n].stamps_s;
@@ -165,6 +212,7 @@ Plan readPlan(const std::filesystem::path& out) {
     json.at("tile_voxels").get_to(plan.tile_voxels);
     json.at("margin_voxels").get_to(plan.margin_voxels);
     json.at("bin_bytes").get_to(plan.bin_bytes);
+    if (json.contains("frame")) plan.frame = frameFrom(json.at("frame"));
     for (const Json& from : json.at("flights")) {
       Flight flight;
       from.at("options").get_to(flight.options);

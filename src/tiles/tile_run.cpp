@@ -86,8 +86,10 @@ class TileRun {
       AccessibilityField field(job_.tools, params);
       integrateAll(field);
       field.update();
+      io::WriteOptions files = run_.limits.files;
+      files.frame = job_.plan.frame;
       writeTileFiles(
-          field, folder.path(), run_.limits.files, [this](std::uint32_t id) { return stepOf(id); }, tile_);
+          field, folder.path(), files, [this](std::uint32_t id) { return stepOf(id); }, tile_);
     }
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakOfProcess();
@@ -115,7 +117,9 @@ class TileRun {
         steps_.push_back(block.step);
         fused.largest_step = std::max<std::uint64_t>(fused.largest_step, block.p_L.size());
         requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, job_, tables_));
-        fused.all += internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L).points_used;
+        constexpr double kNoStamp = std::numeric_limits<double>::quiet_NaN();
+        fused.all +=
+            internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L, kNoStamp, block.attributes).points_used;
         requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, job_, tables_));
       }
     }

@@ -33,6 +33,16 @@ void count(const SurfacePoints& points, Tile& tile) {
   }
 }
 
+void writeFirsts(const SurfacePoints& points, const std::filesystem::path& file) {
+  io::writeFileDurably(file, [&](std::ostream& stream) {
+    for (std::size_t n = 0; n < points.size(); ++n) {
+      const auto first = points.firstReturn(n).value_or(SurfacePoints::FirstReturn());
+      const StoredFirst record = {first.gps_time, first.point_class};
+      stream.write(reinterpret_cast<const char*>(&record), sizeof record);
+    }
+  });
+}
+
 void writeOrder(const internal::PointStore& store, const SurfacePoints& points, const StepOfPoint& stepOf,
                 const std::filesystem::path& file) {
   io::writeFileDurably(file, [&](std::ostream& stream) {
@@ -53,11 +63,14 @@ void writeTileFiles(const AccessibilityField& field, const std::filesystem::path
   tile.device = field.deviceName();
   tile.leaves = field.memoryUse().leaves;
   internal::writeFieldFiles(field, *points, folder, options);
+  const bool firsts = options.points_las && options.frame.first_returns;
+  if (firsts) writeFirsts(*points, folder / kFirstFile);
   writeOrder(internal::FieldAccess::points(field), *points, stepOf, folder / kOrderFile);
   for (const char* file : {kPointsFile, kLasFile, kGridsFile, kPointGridFile, kOrderFile}) {
     if (file == kLasFile && !options.points_las) continue;
     tile.sha256.emplace_back(file, io::sha256OfFile(folder / file));
   }
+  if (firsts) tile.sha256.emplace_back(kFirstFile, io::sha256OfFile(folder / kFirstFile));
 }
 
 }  // namespace accessvdb::tiles

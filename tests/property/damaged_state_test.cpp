@@ -126,6 +126,68 @@ class DamagedScoredState : public DamagedState {
   }
 };
 
+/// Of a field whose returns carry attributes, many of which do not agree.
+class DamagedCarryingState : public DamagedState {
+ protected:
+  void SetUp() override {
+    Stream stream = {cpuParams(0.1), wallScans(6, 4, 400), false, 0};
+    stream.params.approach.num_directions = 8;
+    stream.params.carry = treeAndRow();
+    AccessibilityField field(pen(), stream.params);
+    integrateCarrying(field, stream, 0, 4);
+    field.update();
+    field.saveState(file());
+    good_ = bytesOf(file());
+    points_ = field.snapshot().points.size();
+  }
+  std::size_t points_ = 0;
+};
+
+TEST_F(DamagedCarryingState, IsRefusedWhereverAByteDiffers) {
+  EXPECT_NO_THROW(load());
+  const Place place = placeOf("carried");
+  std::mt19937_64 random(10);
+  for (int n = 0; n < 200; ++n) {
+    const std::size_t at = place.begin + random() % (place.bytes + 32);
+    std::string bad = good_;
+    bad[at] = static_cast<char>(bad[at] ^ (1 << random() % 8));
+    ASSERT_EQ(refusalOf(bad).rfind("state.damaged", 0), 0U) << "byte " << at << " of " << good_.size();
+  }
+}
+
+TEST_F(DamagedCarryingState, IsRefusedForValuesThatNoFieldHas) {
+  // Behind two values of each point: id, column and number of votes of the first that is split, then its votes.
+  const std::size_t split = 8 * points_;
+  ASSERT_GT(placeOf("carried").bytes, split + 40);
+  const auto with = [&](std::size_t offset, const auto& value) {
+    return rehashed([&](const std::string& name, std::string& content) {
+      if (name == "carried") std::memcpy(content.data() + offset, &value, sizeof value);
+    });
+  };
+  const auto numberOfVotes = [&](std::uint32_t more) {
+    std::uint32_t votes = 0;
+    std::memcpy(&votes, good_.data() + placeOf("carried").begin + split + 8, 4);
+    return votes + more;
+  };
+  const std::vector<std::string> all = {with(split, static_cast<std::uint32_t>(points_)),
+                                        with(split + 4, std::uint32_t{1}),  // whose value is a first return's
+                                        with(split + 4, std::uint32_t{2}),
+                                        with(split + 8, std::uint32_t{0}),
+                                        with(split + 8, numberOfVotes(1)),
+                                        with(split + 8, ~std::uint32_t{0}),
+                                        with(split + 12, kNoAttribute),
+                                        with(split + 12, std::int32_t{9}),  // no longer ascending
+                                        with(split + 16, std::uint32_t{0}),
+                                        withHead([](internal::StateHead& head) { ++head.votes; }),
+                                        withHead([](internal::StateHead& head) { --head.split_points; }),
+                                        withHead([](internal::StateHead& head) { head.votes = ~std::uint64_t{0}; }),
+                                        withHead([](internal::StateHead& head) { head.params.carry.pop_back(); }),
+                                        withHead([](internal::StateHead& head) { head.params.carry.clear(); })};
+  for (std::size_t n = 0; n < all.size(); ++n) {
+    EXPECT_EQ(refusalOf(all[n]).rfind("state.damaged", 0), 0U) << n << ": " << refusalOf(all[n]);
+  }
+}
+
 TEST_F(DamagedScoredState, IsRefusedWhereverAByteDiffers) {
   EXPECT_NO_THROW(load());
   const Place place = placeOf("scored");

@@ -507,6 +507,9 @@ TEST(RollingRefusals, NameWhatIsWrong) {
   params.origin_W = {{0, 0, 0}};
   params.window = FieldWindow{{0, 0}, {128, 128}};
   EXPECT_EQ(refused(params, fine), "rolling.params");
+  params = paramsOf(test);
+  params.carry = carryOf("tree_id");
+  EXPECT_EQ(refused(params, fine), "rolling.params");
   for (const std::int32_t edge : {1, 100, 64, -128, 1 << 17})
     EXPECT_EQ(refused(paramsOf(test), {.folder = scratch / "states", .tile_voxels = edge}), "rolling.tile") << edge;
   std::filesystem::create_directories(scratch / "full");

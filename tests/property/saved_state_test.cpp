@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -329,6 +330,33 @@ TEST(SavedStateRefusal, OfHistoriesThatItDoesNotHold) {
   field.saveState(folder / "empty.avst");
   EXPECT_TRUE(
       AccessibilityField::loadState(folder / "empty.avst", armTool(), BackendKind::Cpu).snapshot().points.empty());
+}
+
+/// Before and right after an update, whose states hold more.
+TEST(SavedState, GoesOnWithWhatReturnsCarry) {
+  for (const bool updated : {false, true}) {
+    Stream stream = {cpuParams(), wallScans(3, 6, 600), false, 3};
+    stream.params.carry = treeAndRow();
+    AccessibilityField straight(armTool(), stream.params), stopped(armTool(), stream.params);
+    integrateCarrying(stopped, stream, 0, 3);
+    integrateCarrying(straight, stream, 0, 3);
+    if (updated) stopped.update(), straight.update();
+    integrateCarrying(straight, stream, 3, 6);
+    straight.update();
+    const ScratchFolder folder;
+    stopped.saveState(folder / "state");
+    AccessibilityField loaded = AccessibilityField::loadState(folder / "state", armTool(), loadBackend(), 2);
+    EXPECT_EQ(loaded.params().carry, stream.params.carry);
+    integrateCarrying(loaded, stream, 3, 6);
+    loaded.update();
+    EXPECT_EQ(plyOf(loaded, folder / "loaded.ply"), plyOf(straight, folder / "straight.ply")) << updated;
+    const FieldSnapshot expected = straight.snapshot();
+    ASSERT_EQ(expected.attributes.size(), 2U);
+    // Both values and none are there, so that a state without them would differ.
+    for (const std::int32_t value : {0, 1, 2}) {
+      EXPECT_GT(std::count(expected.attributes[0].values.begin(), expected.attributes[0].values.end(), value), 0);
+    }
+  }
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
+#include "accessvdb/attributes.h"
 #include "support/determinism_support.h"
 
 namespace accessvdb::test {
@@ -39,6 +41,20 @@ inline void integrate(AccessibilityField& field, const Stream& stream, std::size
     field.integrateRays(points_W, sensors_W);
   }
 }
+
+/// The same with a tree and a row that the returns carry, for params that ask for both.
+inline void integrateCarrying(AccessibilityField& field, const Stream& stream, std::size_t from, std::size_t to) {
+  for (std::size_t n = from; n < to; ++n) {
+    const Scan& scan = stream.scans[n];
+    std::vector<std::int32_t> attributes;
+    for (std::size_t i = 0; i < scan.points_S.size(); ++i) {
+      attributes.push_back(i % 11 == 0 ? kNoAttribute : static_cast<std::int32_t>((i + n) % 3));
+      attributes.push_back(static_cast<std::int32_t>(i));
+    }
+    field.integrateScan(scan.points_S, scan.T_W_S, static_cast<double>(n), attributes);
+  }
+}
+inline std::vector<CarriedAttribute> treeAndRow() { return {{"tree", Keep::Majority}, {"index", Keep::First}}; }
 
 inline FieldParams cpuParams(double voxel_size_m = 0.05) {
   FieldParams params;

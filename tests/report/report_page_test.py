@@ -90,6 +90,58 @@ class ReportPage(unittest.TestCase):
         return self.browser.evaluate(
             "(() => { const c = document.getElementById('card'); return {...c.dataset, text: c.innerText}; })()")
 
+    def test_a_table_has_a_row_for_each_tree(self):
+        points = stored_field.random_points(3000)
+        # Trees side by side along x, and some points of none.
+        tree = np.floor(points["position"][:, 0]).astype(int) * 10 + 1
+        tree[::50] = -2147483648
+        folder = stored_field.write_field(self.root / "trees", points, carried={"tree_id": tree})
+        html = self.make(folder)
+        self.show(html)
+        rows = lambda: self.browser.evaluate(
+            "[...document.querySelectorAll('#tables tbody tr')].map((r) => [...r.cells].map((c) => c.textContent))")
+        self.assertEqual([row[0] for row in rows()], ["1", "11", "21", "31", "none"])
+        counts = {str(n): f"{(tree == n).sum()}" for n in (1, 11, 21, 31)}
+        for row in rows()[:4]:
+            self.assertEqual(row[1].replace("\u202f", "").replace(",", ""), counts[row[0]])
+        self.browser.evaluate("document.querySelectorAll('#tables thead button')[1].click()")
+        by_points = sorted(counts, key=lambda n: -int(counts[n]))
+        self.assertEqual([row[0] for row in rows()][:4], by_points)
+        self.browser.evaluate("document.querySelectorAll('#tables thead button')[0].click()")
+        before = self.browser.evaluate("location.hash")
+        self.browser.evaluate("document.querySelectorAll('#tables tbody tr')[2].click()")
+        self.browser.wait_for(f"location.hash !== {json.dumps(before)}")
+        # The camera looks at the middle of the tree's box.
+        view = [float(each) for each in re.search(r"view=([^&]*)", self.browser.evaluate("location.hash"))[1].split(",")]
+        own = points["position"][tree == 21]
+        for axis in range(3):
+            self.assertAlmostEqual(view[axis], (own[:, axis].min() + own[:, axis].max()) / 2, delta=0.01)
+        self.assertEqual(self.browser.evaluate(
+            "document.querySelectorAll('#tables tbody tr')[2].getAttribute('aria-selected')"), "true")
+        self.assert_silent()
+
+    def test_title_client_and_site(self):
+        folder = stored_field.write_field(self.root / "for_client", stored_field.random_points(1000))
+        text = lambda name: self.browser.evaluate(f"document.getElementById('{name}').textContent")
+        self.show(self.make(folder))
+        self.assertEqual(text("title"), "for_client")
+        self.assertTrue(self.browser.evaluate("document.getElementById('client').hidden"))
+        self.show(self.make(folder, "--title", "Oaks </script><b>1", "--client", "City", "--site", "Lane & Hill"))
+        self.assertEqual(text("title"), "Oaks </script><b>1")  # as text, whatever it holds
+        self.assertEqual(text("client"), "City · Lane & Hill")
+        self.assertEqual(self.browser.evaluate("document.title"), "Oaks </script><b>1 – accessibility report")
+        self.assert_silent()
+
+    def test_of_many_trees_the_page_has_the_largest(self):
+        points = stored_field.random_points(30000)
+        folder = stored_field.write_field(self.root / "many", points, carried={"tree_id": np.arange(30000) // 2})
+        self.show(self.make(folder))
+        self.assertEqual(len(self.facts()["tables"][0]["rows"]), 1000)
+        self.assertEqual(self.facts()["tables"][0]["rows_total"], 15000)
+        self.assertIn("14", self.browser.evaluate("document.getElementById('tables').textContent"))
+        table = run("query", "--map", folder, "--table", "--quiet")
+        self.assertEqual(len(table.stdout.splitlines()), 1 + 1 + 15000)
+
     def test_a_map_is_drawn_as_it_was_counted(self):
         scans, out = self.root / "scans", self.root / "mapped"
         simulated = run("simulate", "--scene", "torus", "--frames", 12, "--range-noise", 0, "--out", scans,

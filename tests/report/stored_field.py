@@ -47,17 +47,24 @@ def random_points(count, seed=1, size_m=4.0):
     return points
 
 
-def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None):
-    """A folder as `map` leaves it. @param report  changes to report.json; None = the counts of the points alone"""
+def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, carried=None):
+    """A folder as `map` leaves it. @param report  changes to report.json; None = the counts of the points alone
+    @param carried  {name: what the returns of each point carried}"""
+    carried = carried or {}
+    rows = np.empty(len(points), np.dtype(RECORD.descr + [(name, "<i4") for name in carried]))
+    for name in RECORD.names:
+        rows[name] = points[name]
+    for name, values in carried.items():
+        rows[name] = values
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     lines = ["ply", "format binary_little_endian 1.0", "comment AccessVDB 0.1.0", "comment origin_W 0 0 0",
              f"comment voxel_size_m {voxel_size_m}", "comment num_directions 180", "comment collision_limit 4",
              *[f"comment {each}" for each in comments], f"element vertex {len(points)}",
-             *[f"property {each}" for each in PROPERTIES], "end_header\n"]
+             *[f"property {each}" for each in PROPERTIES], *[f"property int {name}" for name in carried], "end_header\n"]
     with open(folder / "points.ply", "wb") as file:
         file.write("\n".join(lines).encode())
-        points.tofile(file)
+        rows.tofile(file)
     counts = {label: int((points["label"] == n).sum()) for n, label in enumerate(LABELS)}
     reasons = {reason: int((points["reason"] == n).sum()) for n, reason in enumerate(REASONS) if n > 0}
     content = {"schema": 1, "version": "0.1.0", "exit_code": 0, "device": "cpu", "parameters": {}, "inputs": [],

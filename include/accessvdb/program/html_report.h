@@ -24,7 +24,9 @@ struct HtmlReportOptions {
   std::uint64_t most_points = 1'000'000;
   const ToolGeometry* tool = nullptr;  ///< drawn at the point that is clicked; must live as long as the call
   std::filesystem::path tool_file;     ///< it was read from; empty for built-in tools
-  bool allow_changed = false;          ///< draw files that are not as they were written, too (output_check.h)
+  /// What the page is called, for whom it is and of which place; empty: the folder's name, and nothing.
+  std::string title = {}, client = {}, site = {};
+  bool allow_changed = false;  ///< draw files that are not as they were written, too (output_check.h)
   static constexpr std::uint64_t kLeastPoints = 1000;
 };
 

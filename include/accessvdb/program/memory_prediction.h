@@ -65,7 +65,7 @@ struct ACCESSVDB_API MemoryPrediction {
 
 /// Host memory for what a point remembers of directions, in units of one direction: with the exact policy a few more
 /// than there are, because whole cache lines are taken, and only a few for large sets; none if a GPU remembers.
-/// Of several tools their sum, plus what each but the first keeps per point, in the same unit.
+/// Of several tools their sum, plus what each but the first keeps per point, plus FieldParams::carry, in the same unit.
 [[nodiscard]] ACCESSVDB_API int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& params);
 
 /// The peak of a run: while the tool's tables are made there is no map yet.

@@ -48,7 +48,7 @@ std::unique_ptr<const SurfacePoints> fromScratch(const FieldStages& field, std::
   tables.rule.keep_best = false;
   for (const auto& result : again.score(items, tables)) tests += result.tests;
   const ScoredField scored = {again,        *field.backend, field.gate.origin_W(), setup.tool().rolls,
-                              field.core(), false,          field.withheld()};
+                              field.core(), false,          field.withheld(),      &field.points.attributes()};
   return scoredPoints(scored, PointStates::AsOfTheLastUpdate);
 }
 
@@ -66,7 +66,7 @@ ScoredField scoredFor(const FieldStages& field, std::size_t tool) {
   return {*scoring.scorer,       *field.backend,
           field.gate.origin_W(), scoring.setup.tool().rolls,
           field.core(),          field.labels.backlog > 0 || !field.labels.current,
-          field.withheld()};
+          field.withheld(),      &field.points.attributes()};
 }
 
 std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field) {

@@ -6,10 +6,12 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <numeric>
 #include <span>
 #include <utility>
 
+#include "accessvdb/survey_frame.h"
 #include "field/left_out_points.h"
 #include "field/tools/tool_heading.h"
 
@@ -53,6 +55,7 @@ class ScoredPoints final : public SurfacePoints {
         origin_W_(field.origin_W),
         some_wait_(field.some_wait),
         withheld_(field.withheld),
+        attributes_(field.attributes),
         state_(std::move(state)),
         first_(first),
         weights_(count),
@@ -73,12 +76,37 @@ class ScoredPoints final : public SurfacePoints {
   }
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return origin_W_; }
   [[nodiscard]] double voxel_size_m() const override { return scorer_.params().tsdf.voxel_size_m; }
+  [[nodiscard]] std::vector<std::string> attributeNames() const override {
+    std::vector<std::string> names;
+    if (attributes_ == nullptr) return names;
+    for (const CarriedAttribute& attribute : attributes_->carried()) {
+      if (!isHidden(attribute)) names.push_back(attribute.name);  // the others come last
+    }
+    return names;
+  }
+  [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
+    const std::size_t columns = attributes_ == nullptr ? 0 : attributes_->columns();
+    if (columns < 3 || attributes_->carried()[columns - 1].name != kFirstReturnNames[2]) return std::nullopt;
+    const std::uint32_t id = first_ + static_cast<std::uint32_t>(index);
+    const auto half = [&](std::size_t c) {
+      return std::uint64_t{std::bit_cast<std::uint32_t>(attributes_->value(id, columns - 3 + c))};
+    };
+    const bool timed = half(0) != half(1) || attributes_->value(id, columns - 2) != kNoAttribute;
+    const std::int32_t point_class = attributes_->value(id, columns - 1);
+    const bool known = point_class >= 0 && point_class <= 255;
+    return FirstReturn{timed ? std::bit_cast<double>(half(0) | half(1) << 32) : 0.0,
+                       static_cast<std::uint8_t>(known ? point_class : 0)};
+  }
+  [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
+    return attributes_->value(first_ + static_cast<std::uint32_t>(index), column);
+  }
 
  private:
   const PointScorer& scorer_;
   Eigen::Vector3d origin_W_;
   bool some_wait_;
   std::span<const std::uint8_t> withheld_;
+  const PointAttributes* attributes_;
   HostState state_;
   std::uint32_t first_;
   std::vector<std::uint16_t> weights_;
@@ -135,6 +163,13 @@ class CorePoints final : public SurfacePoints {
   [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override { return all_->position_W(ids_[index]); }
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return all_->origin_W(); }
   [[nodiscard]] double voxel_size_m() const override { return all_->voxel_size_m(); }
+  [[nodiscard]] std::vector<std::string> attributeNames() const override { return all_->attributeNames(); }
+  [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
+    return all_->attribute(ids_[index], column);
+  }
+  [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
+    return all_->firstReturn(ids_[index]);
+  }
 
  private:
   std::unique_ptr<const ScoredPoints> all_;
@@ -159,6 +194,12 @@ FieldSnapshot snapshotOf(const SurfacePoints& points) {
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), 1024), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) snapshot.points[n] = points.at(n);
   });
+  for (std::string& name : points.attributeNames()) {
+    const std::size_t column = snapshot.attributes.size();
+    std::vector<std::int32_t>& values = snapshot.attributes.emplace_back(AttributeColumn{std::move(name), {}}).values;
+    values.resize(points.size());
+    for (std::size_t n = 0; n < values.size(); ++n) values[n] = points.attribute(n, column);
+  }
   return snapshot;
 }
 

@@ -31,10 +31,11 @@ struct ScoredField {
   std::optional<VoxelColumnBox> core = std::nullopt;  ///< of a tile, whose other points are not the user's
   bool some_wait = false;                             ///< the last update left a backlog: no label is certain
   std::span<const std::uint8_t> withheld = {};        ///< by id, see LeftOutPoints; later points are not
+  const PointAttributes* attributes = nullptr;        ///< of the points; null: none
 };
 
-/// All points, those of the core for a tile. Labels, scores and weights are copied, 24 bytes per point; positions are
-/// read from the scorer's store, which must live as long and keep its points.
+/// All points, those of the core for a tile. Labels, scores and weights are copied, 24 bytes per point; positions
+/// and attributes are read from the scorer's store, which must live as long and keep its points.
 [[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, PointStates states);
 
 /// A copy of all of them.

@@ -17,7 +17,7 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kMostText = 1024;
+constexpr std::size_t kMostText = 1024, kMostCarried = 64;
 
 /// Writes values, exactly as they are.
 class Encoder {
@@ -147,7 +147,8 @@ template <typename Row>
 constexpr bool kSkipped =
     Row::template is<&FieldParams::backend> ||  // a state may go on elsewhere
     Row::template is<&FieldParams::threads> || Row::template is<&ApproachParams::orientations> ||  // see visitRest
-    Row::template is<&ApproachParams::rolls> || Row::template is<&ChangeParams::free_for_s>;  // see visitFullChange
+    Row::template is<&FieldParams::carry> || Row::template is<&ApproachParams::rolls> ||
+    Row::template is<&ChangeParams::free_for_s>;  // see visitFullChange
 
 template <typename Code, typename Params>
 void visitParams(Code& code, Params& params) {
@@ -185,6 +186,16 @@ void visitFullChange(Code& code, Head& head) {
 }
 
 template <typename Code, typename Head>
+void visitCarried(Code& code, Head& head) {
+  code.size(head.params.carry, kMostCarried);
+  for (auto& attribute : head.params.carry) {
+    code(attribute.name);
+    code.oneOf(attribute.keep, Keep::First);
+  }
+  visitAll(code, head.split_points, head.votes);
+}
+
+template <typename Code, typename Head>
 void visitRest(Code& code, Head& head) {
   visitParams(code, head.params);
   if (head.tool_sha256.starts_with(kToolListMark)) {
@@ -202,6 +213,7 @@ void visitRest(Code& code, Head& head) {
   visitAll(code, head.updated, head.scans, head.leaves, head.leaves_with_values, head.leaves_with_votes, head.points,
            head.poses, head.left_out_leaves, head.closed_cubes, head.closed_doublings);
   if (isFullChangeSchema(head.schema)) visitFullChange(code, head);
+  if (isCarryingSchema(head.schema)) visitCarried(code, head);
   if (isScoredSchema(head.schema)) code(head.scored_words);
 }
 
@@ -227,6 +239,10 @@ bool isPlausible(const StateHead& head) {
   if (head.origin_W && !(head.origin_W->allFinite() && head.origin_W->lpNorm<Eigen::Infinity>() <= kFarthestOrigin_m)) {
     return false;
   }
+  const std::uint64_t columns = head.params.carry.size();
+  if (isCarryingSchema(head.schema) != (columns > 0)) return false;
+  if (head.split_points > head.points * columns || head.votes > columns * std::uint64_t{~std::uint32_t{0}})
+    return false;
   if (head.points >= ~std::uint32_t{0} || head.poses >= ~std::uint32_t{0}) return false;  // ids have 32 bits
   if (head.leaves_with_values > head.leaves || head.leaves_with_votes > head.leaves_with_values) return false;
   if (head.leaves_with_votes > 0 && head.params.change.mode == ChangeMode::Off) return false;

@@ -21,16 +21,24 @@ inline constexpr std::uint32_t kOrientedStateSchema = 7;
 inline constexpr std::uint32_t kRolledStateSchema = 8;
 /// Added to any of them for ChangeMode::Full, whose states hold more.
 inline constexpr std::uint32_t kFullChangeSchema = 10;
-
 /// Added to any of these for states with what an update found out.
 inline constexpr std::uint32_t kScoredSchema = 20;
+/// Added to any of these for fields whose returns carry attributes, whose states hold these, too.
+inline constexpr std::uint32_t kCarryingSchema = 40;
 
-[[nodiscard]] constexpr bool isScoredSchema(std::uint32_t schema) { return schema > kScoredSchema; }
+[[nodiscard]] constexpr bool isCarryingSchema(std::uint32_t schema) { return schema > kCarryingSchema; }
+[[nodiscard]] constexpr std::uint32_t uncarryingSchema(std::uint32_t schema) {
+  return isCarryingSchema(schema) ? schema - kCarryingSchema : schema;
+}
+[[nodiscard]] constexpr bool isScoredSchema(std::uint32_t schema) { return uncarryingSchema(schema) > kScoredSchema; }
+[[nodiscard]] constexpr std::uint32_t unscoredSchema(std::uint32_t schema) {
+  return uncarryingSchema(schema) - (isScoredSchema(schema) ? kScoredSchema : 0);
+}
 [[nodiscard]] constexpr bool isFullChangeSchema(std::uint32_t schema) {
-  return (isScoredSchema(schema) ? schema - kScoredSchema : schema) > kFullChangeSchema;
+  return unscoredSchema(schema) > kFullChangeSchema;
 }
 [[nodiscard]] constexpr std::uint32_t plainSchema(std::uint32_t schema) {
-  return schema - (isScoredSchema(schema) ? kScoredSchema : 0) - (isFullChangeSchema(schema) ? kFullChangeSchema : 0);
+  return unscoredSchema(schema) - (isFullChangeSchema(schema) ? kFullChangeSchema : 0);
 }
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
   const std::uint32_t plain = plainSchema(schema);
@@ -38,8 +46,8 @@ inline constexpr std::uint32_t kScoredSchema = 20;
 }
 /// @param params  of a field, where the number of rolls is known  @param scored  StateHead::isScored()
 [[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params, bool scored) {
-  const std::uint32_t more =
-      (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) + (scored ? kScoredSchema : 0);
+  const std::uint32_t more = (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) +
+                             (params.carry.empty() ? 0 : kCarryingSchema) + (scored ? kScoredSchema : 0);
   if (params.approach.rolls > 1) return kRolledStateSchema + more;
   return (params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema) + more;
 }
@@ -67,8 +75,9 @@ struct StateHead {
   std::optional<double> latest_stamp_s;     ///< of all scans; nothing while none had one
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
-  std::uint64_t left_out_leaves = 0;  ///< LeftOutVoxels
-  std::uint64_t closed_cubes = 0;     ///< LeftOutPoints
+  std::uint64_t split_points = 0, votes = 0;  ///< PointAttributes, over all columns; only where returns carry some
+  std::uint64_t left_out_leaves = 0;          ///< LeftOutVoxels
+  std::uint64_t closed_cubes = 0;             ///< LeftOutPoints
   std::uint32_t closed_doublings = 0;
   // Only for ChangeMode::Full.
   double age_s = 0;  ///< FreeGenerations::age_s()

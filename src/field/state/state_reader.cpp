@@ -108,18 +108,21 @@ void StateReader::readHead() {
   }
   // No product overflows: ids and file sizes bound the factors.
   const std::uint64_t left = in_.fileBytes();
-  const bool small = head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
-                     head_.leaves_with_votes <= left / kLeafVoteBytes &&
-                     head_.leaves_with_before <= left / kLeafBeforeBytes &&
-                     head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
-                     head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes &&
-                     head_.left_out_leaves <= left / kLeftOutLeafBytes && head_.closed_cubes <= left / kClosedCubeBytes;
-  const std::uint64_t sections = head_.tools.empty() ? 5 : 6;  // besides those for ChangeMode::Full, and the last
+  const bool small =
+      head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
+      head_.leaves_with_votes <= left / kLeafVoteBytes && head_.leaves_with_before <= left / kLeafBeforeBytes &&
+      head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
+      head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes &&
+      head_.left_out_leaves <= left / kLeftOutLeafBytes && head_.closed_cubes <= left / kClosedCubeBytes &&
+      head_.split_points <= left / kSplitPointBytes && head_.votes <= left / kVoteBytes;
+  const std::uint64_t columns = head_.params.carry.size();
+  const std::uint64_t sections = std::uint64_t{head_.tools.empty() ? 5u : 6u} + (columns > 0 ? 1 : 0);
   const std::uint64_t expected =
       kStateMagic.size() + sections * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
       head_.leaves_with_values * kLeafValueBytes + head_.leaves_with_votes * kLeafVoteBytes +
       head_.leaves_with_before * kLeafBeforeBytes + head_.poses * kPoseBytes +
-      head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_)) + goneStateBytes(head_) +
+      head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_) + columns * sizeof(std::int32_t)) +
+      head_.split_points * kSplitPointBytes + head_.votes * kVoteBytes + goneStateBytes(head_) +
       head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cubes * kClosedCubeBytes + scoredStateBytes(head_);
   if (!small || expected != in_.fileBytes()) {
     in_.refuse("its counts do not match the file's size of " + std::to_string(in_.fileBytes()) + " bytes");
@@ -131,6 +134,7 @@ void StateReader::readInto(PackedMap& map, const std::vector<PointStore*>& store
   readLeaves(map, take);
   readPoses(points);
   readPoints(points);
+  if (!head_.params.carry.empty()) readAttributes(points.attributes());
   readViews(points, std::span(stores).subspan(1));
 }
 
@@ -332,6 +336,35 @@ void StateReader::readPoses(PointStore& points) {
       if (!q_L.allFinite()) in_.refuse("a sensor position is not finite");
     }
     points.restorePoses(poses_L);
+  }
+  in_.end();
+}
+
+void StateReader::readAttributes(PointAttributes& attributes) {
+  const std::size_t columns = attributes.columns();
+  if (in_.begin("carried") != head_.points * columns * sizeof(std::int32_t) + head_.split_points * kSplitPointBytes +
+                                  head_.votes * kVoteBytes) {
+    in_.refuse("its length does not match the numbers in the head");
+  }
+  std::vector<std::int32_t> values;
+  for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {
+    values.resize(std::min<std::uint64_t>(head_.points - first, kPointsRead) * columns);
+    in_.read(values.data(), values.size() * sizeof(values[0]));
+    attributes.restore(values);
+  }
+  std::vector<PointAttributes::Vote> votes;
+  std::uint64_t left = head_.votes;
+  for (std::uint64_t n = 0; n < head_.split_points; ++n) {
+    std::uint32_t record[3];
+    in_.read(record, sizeof record);
+    const auto [id, column, count] = record;
+    if (column >= columns || attributes.carried()[column].keep != Keep::Majority || count > left) {
+      in_.refuse("votes are out of place");
+    }
+    left -= count;
+    votes.resize(count);
+    in_.read(votes.data(), votes.size() * sizeof(votes[0]));
+    if (!attributes.restoreVotes(id, column, votes)) in_.refuse("votes are there twice, or no point has them");
   }
   in_.end();
 }

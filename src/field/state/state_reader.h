@@ -53,6 +53,7 @@ class StateReader {
   void readLeaves(PackedMap& map, const TakeLeaves& take);
   void readPoses(PointStore& points);
   void readPoints(PointStore& points);
+  void readAttributes(PointAttributes& attributes);
   void readViews(const PointStore& points, std::span<PointStore* const> stores);
 
   std::filesystem::path file_;

@@ -19,6 +19,18 @@ namespace {
 
 constexpr std::size_t kPointsWritten = 1 << 14;
 
+/// Calls visit(id, column, votes) where a point's returns do not agree.
+template <typename Visit>
+void forEachSplit(const PointAttributes& attributes, std::uint32_t points, const Visit& visit) {
+  std::vector<PointAttributes::Vote> votes;
+  for (std::uint32_t id = 0; id < points; ++id) {
+    for (std::size_t c = 0; c < attributes.columns(); ++c) {
+      attributes.votes(id, c, votes);
+      if (!votes.empty()) visit(id, c, std::span<const PointAttributes::Vote>(votes));
+    }
+  }
+}
+
 int wordsOf(const FieldParams& params) { return (params.approach.directionCount() + 63) / 64; }
 
 void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map) {
@@ -112,6 +124,26 @@ void writeCells(SectionWriter& out, const StateHead& head, const GoneCells& cell
     }
     out.write(bytes.data(), bytes.size());
   }
+  out.end();
+}
+
+/// What value() says of each point, then the votes of those whose returns do not agree.
+void writeAttributes(SectionWriter& out, const StateHead& head, const PointAttributes& attributes) {
+  const std::size_t columns = attributes.columns();
+  out.begin("carried", head.points * columns * sizeof(std::int32_t) + head.split_points * kSplitPointBytes +
+                           head.votes * kVoteBytes);
+  std::vector<std::int32_t> row(columns);
+  for (std::uint32_t id = 0; id < head.points; ++id) {
+    for (std::size_t c = 0; c < columns; ++c) row[c] = attributes.value(id, c);
+    out.write(row.data(), row.size() * sizeof(row[0]));
+  }
+  forEachSplit(
+      attributes, static_cast<std::uint32_t>(head.points),
+      [&](std::uint32_t id, std::size_t c, std::span<const PointAttributes::Vote> votes) {
+        const std::uint32_t record[3] = {id, static_cast<std::uint32_t>(c), static_cast<std::uint32_t>(votes.size())};
+        out.write(record, sizeof record);
+        out.write(votes.data(), votes.size_bytes());
+      });
   out.end();
 }
 
@@ -209,6 +241,11 @@ void writeState(const std::filesystem::path& file, StateHead head, const StateIn
   head.leaves_with_before = map.agedLeafCount();
   head.points = points.size();
   head.poses = points.poses().size();
+  forEachSplit(points.attributes(), points.size(),
+               [&](std::uint32_t, std::size_t, std::span<const PointAttributes::Vote> votes) {
+                 ++head.split_points;
+                 head.votes += votes.size();
+               });
   head.left_out_leaves = map.leftOut().leaves();
   head.closed_cubes = left_out.closedCubes().size();
   head.closed_doublings = left_out.doublings();
@@ -226,6 +263,7 @@ void writeState(const std::filesystem::path& file, StateHead head, const StateIn
     writeLeaves(out, head, map);
     writePoses(out, head, points);
     writePoints(out, head, points);
+    if (!head.params.carry.empty()) writeAttributes(out, head, points.attributes());
     if (!head.tools.empty()) writeViews(out, head, std::span(stores).subspan(1));
     if (gone) {
       writeCells(out, head, *gone->cells, points);

@@ -57,6 +57,9 @@ void visitStored(Cell& cell, Number& verdict, const Visit& visit) {
   visit(verdict);
 }
 inline constexpr std::uint64_t kGonePointBytes = 2 * sizeof(std::uint32_t);
+/// Of each column of a split point: its id, the column and how many votes follow; and of a vote.
+inline constexpr std::uint64_t kSplitPointBytes = 3 * sizeof(std::uint32_t);
+inline constexpr std::uint64_t kVoteBytes = sizeof(PointAttributes::Vote);
 /// Of what was left out: a leaf's voxels, and a closed cube.
 inline constexpr std::uint64_t kLeftOutLeafBytes = 3 * sizeof(std::int32_t) + sizeof(LeafBits);
 inline constexpr std::uint64_t kClosedCubeBytes = sizeof(LeftOutPoints::Cube);

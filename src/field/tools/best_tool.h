@@ -40,6 +40,13 @@ class PointsOfTools final : public SurfacePoints {
   }
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return tools_.front()->origin_W(); }
   [[nodiscard]] double voxel_size_m() const override { return tools_.front()->voxel_size_m(); }
+  [[nodiscard]] std::vector<std::string> attributeNames() const override { return tools_.front()->attributeNames(); }
+  [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
+    return tools_.front()->attribute(index, column);
+  }
+  [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
+    return tools_.front()->firstReturn(index);
+  }
 
  private:
   std::vector<std::unique_ptr<const SurfacePoints>> tools_;

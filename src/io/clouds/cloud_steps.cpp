@@ -41,15 +41,29 @@ void CloudSteps::checkSize(std::size_t file) const {
 }
 
 void CloudSteps::open(std::size_t file) {
+  input_.read.scan = static_cast<std::int32_t>(file);
   reader_ = openCloud(input_.files[file], input_.kind, input_.read);
   file_ = file;
 }
 
+void CloudSteps::noteFrame(std::size_t file) {
+  if (reader_->frame() == nullptr) return;
+  const SurveyFrame& frame = *reader_->frame();
+  if (file == 0) frame_ = frame;
+  if (frame.systemSha256() == frame_.systemSha256()) return;
+  throw UnusableInput("scans.frame", forMessage(input_.files[file].native()),
+                      "says another coordinate system than " + forMessage(input_.files.front().filename().native(), 64),
+                      "Reproject it, or say with crs_wkt which one all are in");
+}
+
 void CloudSteps::findSteps() {
   TrajectoryCoverage coverage;
+  CarriedCheck carried(input_.read.carry);
   for (std::size_t file = 0; file < input_.files.size(); ++file) {
     file_bytes_.push_back(inputFileSize(input_.files[file]));
     open(file);
+    noteFrame(file);
+    carried.note(reader_->carried(), forMessage(input_.files[file].native()));
     CloudTotals totals;
     bool all_unit = true;
     std::size_t room = 0;  // in the step that is being filled
@@ -77,6 +91,7 @@ void CloudSteps::findSteps() {
     }
     checkReader(totals, all_unit);
   }
+  carried.require();
   if (steps_.empty())
     throw UnusableInput("input.no_points", forMessage(input_.files.front().parent_path().native()),
                         "contains no points in any of its " + std::to_string(input_.files.size()) + " files",
@@ -147,6 +162,10 @@ void CloudSteps::append(const PointCloud& part, ScanRecord& record) {
       record.origins_W.push_back(part.points[i] + part.ray_vectors[i]);
     }
     record.points_W.push_back(part.points[i]);
+    const auto row = part.attributes.begin() + static_cast<std::ptrdiff_t>(i * input_.read.carry.size());
+    if (!part.attributes.empty())
+      record.attributes.insert(record.attributes.end(), row,
+                               row + static_cast<std::ptrdiff_t>(input_.read.carry.size()));
   }
 }
 

@@ -44,6 +44,8 @@ class CloudSteps {
   [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const { return steps_.at(step).stamp_s; }
   [[nodiscard]] const std::filesystem::path& path(std::size_t step) const { return input_.files[steps_.at(step).file]; }
   [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
+  /// Of all files. @throws the constructor: UnusableInput "scans.frame" if they are in different ones
+  [[nodiscard]] const SurveyFrame& frame() const { return frame_; }
   /// Of each file, CloudReader::unitDoubt() with its name.
   [[nodiscard]] const std::vector<std::string>& unitDoubts() const { return unit_doubts_; }
 
@@ -57,6 +59,7 @@ class CloudSteps {
   };
 
   void findSteps();
+  void noteFrame(std::size_t file);
   void open(std::size_t file);
   void checkSize(std::size_t file) const;
   void checkReader(const CloudTotals& totals, bool all_unit);
@@ -72,6 +75,7 @@ class CloudSteps {
   std::vector<std::uint64_t> file_bytes_;  ///< [files] when they were first read
   std::vector<std::string> notices_, unit_doubts_;
   std::uint64_t truncated_points_ = 0, noise_points_ = 0;
+  SurveyFrame frame_;
   std::unique_ptr<CloudReader> reader_;  ///< of file_
   std::size_t file_ = 0;
   std::size_t near_ = 0;  ///< see Trajectory::at

@@ -206,12 +206,6 @@ class DecoderSource final : public ByteSource {
  public:
   DecoderSource(const std::filesystem::path& path, const std::string& command)
       : path_(path), command_(command), words_(commandWords(command)) {
-    const InputDescriptor file(path);
-    if (file.size() == 0)
-      throw InputError("input.empty", forMessage(path.native()), "is empty (0 bytes)", "Copy the file again");
-    std::array<char, kLfsPointer.size()> beginning;
-    const std::size_t bytes = file.readAt(0, beginning.data(), beginning.size());
-    refuseLfsPointer({beginning.data(), bytes}, forMessage(path.native()));
     if (words_.empty()) fail("is empty");
   }
   [[nodiscard]] std::optional<std::uint64_t> size() const override { return size_; }
@@ -280,6 +274,8 @@ class DecoderSource final : public ByteSource {
 
 }  // namespace
 
+bool isInstalled(const std::string& program) { return !programFile(program).empty(); }
+
 std::string findLazDecoder() {
   for (const char* const program : {"laszip", "las2las"})
     if (!programFile(program).empty()) return std::string(program) + " -stdout";
@@ -287,7 +283,17 @@ std::string findLazDecoder() {
 }
 
 std::unique_ptr<ByteSource> openDecoder(const std::filesystem::path& path, const std::string& command) {
+  const InputDescriptor file(path);
+  if (file.size() == 0)
+    throw InputError("input.empty", forMessage(path.native()), "is empty (0 bytes)", "Copy the file again");
+  std::array<char, kLfsPointer.size()> beginning;
+  const std::size_t bytes = file.readAt(0, beginning.data(), beginning.size());
+  refuseLfsPointer({beginning.data(), bytes}, forMessage(path.native()));
   return std::make_unique<DecoderSource>(path, command);
+}
+
+std::unique_ptr<ByteSource> openProgram(const std::string& argument, const std::string& command) {
+  return std::make_unique<DecoderSource>(argument, command);
 }
 
 }  // namespace accessvdb::io

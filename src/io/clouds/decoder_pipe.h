@@ -19,4 +19,9 @@ namespace accessvdb::io {
 /// @throws InputError "input.decoder" (cannot be started, failed, hangs), also from the source
 [[nodiscard]] std::unique_ptr<ByteSource> openDecoder(const std::filesystem::path& path, const std::string& command);
 
+/// Whether a program is in PATH.
+[[nodiscard]] bool isInstalled(const std::string& program);
+/// The same for an argument that is no file.
+[[nodiscard]] std::unique_ptr<ByteSource> openProgram(const std::string& argument, const std::string& command);
+
 }  // namespace accessvdb::io

@@ -43,12 +43,14 @@ void takeProjection(ByteSource& file, const LasRecordList& list, LasProjection& 
         list.extended ? loadScalar<std::uint64_t>(&head[20]) : loadScalar<std::uint16_t>(&head[20]);
     at += head_bytes;
     if (bytes > list.end - at) return void(to.cut_off = true);
-    std::optional<std::string>* const wanted = !(user == "LASF_Projection" || (liblas && id == 2112)) ? nullptr
-                                               : id == 34735                                          ? &to.geo_keys
-                                               : id == 34736                                          ? &to.geo_doubles
-                                               : id == 34737                                          ? &to.geo_texts
-                                               : id == 2112                                           ? &to.wkt
-                                                                                                      : nullptr;
+    const bool extra = user == "LASF_Spec" && id == 4;
+    std::optional<std::string>* const wanted = extra ? &to.extra_bytes
+                                               : !(user == "LASF_Projection" || (liblas && id == 2112)) ? nullptr
+                                               : id == 34735                                            ? &to.geo_keys
+                                               : id == 34736 ? &to.geo_doubles
+                                               : id == 34737 ? &to.geo_texts
+                                               : id == 2112  ? &to.wkt
+                                                             : nullptr;
     if (wanted != nullptr && bytes <= kMostBytes && !*wanted) {
       const std::string_view body = file.view(at, static_cast<std::size_t>(bytes));
       if (body.size() < bytes) return void(to.cut_off = true);
@@ -59,6 +61,13 @@ void takeProjection(ByteSource& file, const LasRecordList& list, LasProjection& 
 }
 
 }  // namespace
+
+std::uint64_t lasFormatBytes(int format) { return kFormatBytes[static_cast<std::size_t>(format)]; }
+
+std::uint64_t lasTimeOffset(int format) {
+  constexpr std::array<std::uint8_t, 11> kTimeOffset = {0, 20, 0, 20, 20, 20, 22, 22, 22, 22, 22};
+  return kTimeOffset[static_cast<std::size_t>(format)];
+}
 
 void refuseCutHeader(const std::string& subject, std::uint64_t bytes, std::uint64_t needed) {
   throw InputError("input.truncated", subject,
@@ -79,6 +88,9 @@ LasFileHeader parseLasHeader(std::string_view file, std::optional<std::uint64_t>
   const int format = loadScalar<std::uint8_t>(&file[104]);
   LasFileHeader header;
   header.format = format;
+  header.adjusted_gps_time = (loadScalar<std::uint16_t>(&file[6]) & 1) != 0;
+  header.day = loadScalar<std::uint16_t>(&file[90]);
+  header.year = loadScalar<std::uint16_t>(&file[92]);
   header.data_offset = loadScalar<std::uint32_t>(&file[96]);
   header.record_bytes = loadScalar<std::uint16_t>(&file[105]);
   header.points = loadScalar<std::uint32_t>(&file[107]);

@@ -3,12 +3,14 @@
 /// LAS 1.0 to 1.4, point formats 0 to 10: the coordinates, in double precision and in metres, and the GPS time, of the
 /// points that are neither deleted nor noise. Waveforms and index files are ignored. LAZ is the same, out of the pipe
 /// of a command that decodes it.
-#include <array>
+#include <algorithm>
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "accessvdb/survey_frame.h"
 #include "io/clouds/binary_records.h"
 #include "io/clouds/decoder_pipe.h"
+#include "io/clouds/las_fields.h"
 #include "io/clouds/las_header.h"
 #include "io/clouds/point_cloud.h"
 #include "io/clouds/point_times.h"
@@ -17,9 +19,6 @@
 
 namespace accessvdb::io {
 namespace {
-
-/// Where the GPS time is in a record, by point format; 0 = there is none.
-constexpr std::array<std::uint8_t, 11> kTimeOffset = {0, 20, 0, 20, 20, 20, 22, 22, 22, 22, 22};
 
 /// What a record says about its point. Formats 0 to 5 have it in one byte, with the class in five bits.
 struct LasPointKind {
@@ -56,7 +55,7 @@ class LasReader final : public CloudReader {
     const std::string_view beginning = source_->view(0, kLasHeaderBytes14);
     if (beginning.size() < kLasHeaderBytes14) source_->checkAtEnd();  // a decoder's own error says more
     header_ = parseLasHeader(beginning, source_->size(), subject_);
-    if (options_.times && kTimeOffset[header_.format] == 0)
+    if (options_.times && lasTimeOffset(header_.format) == 0)
       throw UnusableInput("input.no_times", subject_,
                           "has point format " + std::to_string(header_.format) + ", whose points have no GPS time",
                           "Export it with GPS time: LAS point format 1, 3 or 6 to 10");
@@ -64,7 +63,17 @@ class LasReader final : public CloudReader {
     const std::uint64_t points = size ? available(*size) : header_.points;
     records_ = {header_.data_offset, header_.record_bytes, points};
     const bool has_own = original && original->view(0, 4).substr(0, 4) == "LASF";
-    toMetres(readLasProjection(has_own ? *original : *source_));
+    LasProjection projection = readLasProjection(has_own ? *original : *source_);
+    if (!options_.crs_wkt.empty()) {  // instead of what the file says
+      projection.geo_keys = projection.geo_doubles = projection.geo_texts = std::nullopt;
+      projection.wkt = options_.crs_wkt;
+      projection.wkt_counts = true;
+      projection.cut_off = false;
+    }
+    toMetres(projection);
+    frame_ = frameOf(projection);
+    carried_ =
+        CarriedFields(lasFields(header_, projection.extra_bytes.value_or("")), options_.carry, subject_, options_.scan);
   }
 
   PointCloud next(std::size_t count) override {
@@ -75,8 +84,8 @@ class LasReader final : public CloudReader {
     while (part.points.size() < count) {
       const std::size_t missing = count - part.points.size();  // some of what comes may be left out
       const std::size_t wanted = records_.countFrom(at_, missing);
-      const std::size_t had =
-          records_.forEach(*source_, at_, wanted, [&](std::uint64_t, const char* record) { addPoint(record, part); });
+      const std::size_t had = records_.forEach(
+          *source_, at_, wanted, [&](std::uint64_t row, const char* record) { addPoint(record, row, part); });
       at_ += had;
       if (had == missing) continue;
       source_->checkAtEnd();
@@ -89,6 +98,8 @@ class LasReader final : public CloudReader {
   [[nodiscard]] Place place() const override { return {0, at_, 0}; }
   void seek(const Place& place) override { at_ = place.record; }
   [[nodiscard]] std::uint64_t expectedPoints() const override { return source_->size() ? records_.count - at_ : 0; }
+  [[nodiscard]] const SurveyFrame* frame() const override { return &frame_; }
+  [[nodiscard]] const CarriedFields* carried() const override { return &carried_; }
   [[nodiscard]] Eigen::Vector3d unit_m() const override { return units_.metres; }
   [[nodiscard]] double step_m() const override { return header_.scale.maxCoeff(); }
   [[nodiscard]] std::string unitDoubt() const override { return units_.doubt; }
@@ -131,7 +142,22 @@ class LasReader final : public CloudReader {
       *v = v->cwiseProduct(units_.metres);
   }
 
-  void addPoint(const char* record, PointCloud& part) {
+  [[nodiscard]] SurveyFrame frameOf(const LasProjection& projection) const {
+    SurveyFrame frame;
+    frame.unit_m = units_.metres;
+    frame.wkt = projection.wkt.value_or("");
+    frame.wkt.erase(std::min(frame.wkt.find('\0'), frame.wkt.size()));
+    frame.geo_keys = projection.geo_keys.value_or("");
+    frame.geo_doubles = projection.geo_doubles.value_or("");
+    frame.geo_texts = projection.geo_texts.value_or("");
+    frame.wkt_counts = projection.wkt_counts;
+    frame.year = header_.year;
+    frame.day = header_.day;
+    frame.adjusted_gps_time = header_.adjusted_gps_time;
+    return frame;
+  }
+
+  void addPoint(const char* record, std::uint64_t row, PointCloud& part) {
     if (!options_.keep_noise) {
       const LasPointKind kind(record, header_.format);
       if (kind.withheld || kind.synthetic || kind.noise()) {
@@ -148,9 +174,10 @@ class LasReader final : public CloudReader {
       inside = inside && p >= header_.min[axis] - header_.scale[axis] && p <= header_.max[axis] + header_.scale[axis];
     }
     part.points.push_back(point);
+    if (carried_.size() > 0) carried_.append(record, false, row, part.attributes);
     part.outside_points += inside ? 0 : 1;
     if (!options_.times) return;
-    const auto time = loadScalar<double>(record + kTimeOffset[header_.format]);
+    const auto time = loadScalar<double>(record + lasTimeOffset(header_.format));
     if (!time_unit_s_ && std::isfinite(time) && time != 0) time_unit_s_ = unitOfDate_s(time);
     part.stamps_s.push_back(time_unit_s_.value_or(1) == 1 ? time : time * *time_unit_s_);
   }
@@ -160,6 +187,8 @@ class LasReader final : public CloudReader {
   ReadOptions options_;
   LasFileHeader header_;
   LasUnits units_;
+  SurveyFrame frame_;
+  CarriedFields carried_;
   BinaryRecords records_;
   std::optional<double> time_unit_s_;  ///< by the first time
   std::uint64_t at_ = 0, truncated_points_ = 0;

@@ -21,8 +21,9 @@ struct LasUnits {
 /// The records that say it, as they are in the file; empty where there is none.
 struct LasProjection {
   std::optional<std::string> geo_keys = {}, geo_doubles = {}, geo_texts = {}, wkt = {};
-  bool wkt_counts = false;  ///< bit 4 of the header's global encoding
-  bool cut_off = false;     ///< the list of records ends inside of one
+  std::optional<std::string> extra_bytes = {};  ///< says what is behind the dimensions of a point: no projection
+  bool wkt_counts = false;                      ///< bit 4 of the header's global encoding
+  bool cut_off = false;                         ///< the list of records ends inside of one
 };
 
 /// @throws InputError "input.geographic" (longitude and latitude, or from the Earth's centre), "input.unit" (another

@@ -29,7 +29,13 @@ class PcdReader : public CloudReader {
     for (const std::string_view name : bags::kPointTimeNames)
       for (std::size_t i = 0; options.point_times && !time_ && i < header_.fields.size(); ++i)
         if (header_.fields[i].name == name && header_.fields[i].count == 1) time_ = i;
+    std::vector<RecordField> fields;
+    for (const PcdField& field : header_.fields) {
+      fields.push_back({.name = field.count == 1 ? field.name : "", .offset = field.offset_bytes, .type = field.type});
+    }
+    carried_ = CarriedFields(fields, options.carry, subject, options.scan);
   }
+  [[nodiscard]] const CarriedFields* carried() const override { return &carried_; }
   [[nodiscard]] std::string timeField() const override { return time_ ? header_.fields[*time_].name : std::string(); }
   [[nodiscard]] Place place() const override { return {0, record_, 0}; }
   void seek(const Place& place) override { record_ = place.record; }
@@ -42,6 +48,7 @@ class PcdReader : public CloudReader {
   std::string subject_;
   ReadOptions options_;
   std::optional<std::size_t> time_;  ///< index into the header's fields
+  CarriedFields carried_;            ///< of the header's fields by their number
   std::uint64_t record_ = 0;
 };
 
@@ -94,6 +101,14 @@ class TextPcdReader final : public PcdReader {
       lines_.fail("of the data has a time that is not a number");
     part.points.push_back(point);
     if (time_) part.times.push_back(time);
+    carried_.appendNumbers(
+        [this](std::size_t i) {
+          double number = 0;
+          if (!parseNumber(tokens_[header_.fields[i].first_value], number))
+            lines_.fail("of the data has a value that is not a number");
+          return number;
+        },
+        record_, part.attributes);
     ++record_;
     return true;
   }
@@ -147,6 +162,7 @@ class BinaryPcdReader final : public PcdReader {
       for (int axis = 0; axis < 3; ++axis)
         part.points[i - first][axis] = loadScalar(record + columns[axis].begin, columns[axis].type, false);
       if (time_) part.times[i - first] = loadScalar(record + time.begin, time.type, false);
+      if (carried_.size() > 0) carried_.append(record, false, i, part.attributes);
     });
     record_ += part.points.size();
     if (part.points.size() < count) {
@@ -222,6 +238,9 @@ class CompressedPcdReader final : public PcdReader {
     }
     for (std::size_t i = 0; time_ && i < part.points.size(); ++i)
       part.times.push_back(value(header_.fields[*time_], i));
+    for (std::size_t i = 0; carried_.size() > 0 && i < part.points.size(); ++i)
+      carried_.appendNumbers([&](std::size_t field) { return value(header_.fields[field], i); }, record_ + i,
+                             part.attributes);
     record_ += part.points.size();
     return part;
   }

@@ -60,6 +60,18 @@ struct VertexColumns {
   }
 };
 
+/// All properties but lists, whose values are nothing that a point carries. Their numbers stay those of the properties.
+std::vector<RecordField> fieldsOf(const PlyElement& vertex) {
+  std::vector<RecordField> fields;
+  std::uint64_t offset = 0;
+  for (const PlyProperty& property : vertex.properties) {
+    fields.push_back(
+        {.name = property.list_length_type ? std::string() : property.name, .offset = offset, .type = property.type});
+    offset += scalarBytes(property.type);
+  }
+  return fields;
+}
+
 /// What the readers of text and of binary vertices share.
 class PlyCloudReader : public CloudReader {
  public:
@@ -69,7 +81,9 @@ class PlyCloudReader : public CloudReader {
         header_(std::move(header)),
         subject_(subject),
         options_(options),
-        columns_(vertex(), subject, options) {}
+        columns_(vertex(), subject, options),
+        carried_(fieldsOf(vertex()), options.carry, subject, options.scan) {}
+  [[nodiscard]] const CarriedFields* carried() const override { return &carried_; }
   [[nodiscard]] Place place() const override { return {byte_, record_, 0}; }
   void seek(const Place& place) override {
     byte_ = place.byte;
@@ -89,18 +103,23 @@ class PlyCloudReader : public CloudReader {
 
   [[nodiscard]] const PlyElement& vertex() const { return header_.elements[header_.vertex]; }
 
-  void addVertex(const Values& value, PointCloud& part) {
+  /// @return whether it is a point
+  bool addVertex(const Values& value, PointCloud& part) {
     if (columns_.property[VertexColumns::kAlpha] && value[VertexColumns::kAlpha] == 0) {
       ++part.unbounded_rays;
-      return;
+      return false;
     }
     part.points.emplace_back(value[0], value[1], value[2]);
     if (options_.rays) part.ray_vectors.emplace_back(value[3], value[4], value[5]);
-    if (!columns_.property[VertexColumns::kTime]) return;
+    if (!columns_.property[VertexColumns::kTime]) return true;
     const double time = value[VertexColumns::kTime];
-    if (options_.point_times) return part.times.push_back(time);
+    if (options_.point_times) {
+      part.times.push_back(time);
+      return true;
+    }
     if (!time_unit_s_ && std::isfinite(time) && time != 0) time_unit_s_ = unitOfDate_s(time);
     part.stamps_s.push_back(time_unit_s_.value_or(1) == 1 ? time : time * *time_unit_s_);
+    return true;
   }
   /// The end after all vertices, or after those that there are.
   void finish(PointCloud& part) {
@@ -113,6 +132,7 @@ class PlyCloudReader : public CloudReader {
   std::string subject_;
   ReadOptions options_;
   VertexColumns columns_;
+  CarriedFields carried_;                ///< of properties by their number, offsets only without lists
   std::uint64_t byte_ = 0, record_ = 0;  ///< where the next vertex is, and its index
   std::optional<double> time_unit_s_;    ///< of dates, by the first one
 };
@@ -198,11 +218,11 @@ class BinaryPlyReader final : public PlyCloudReader {
     part.points.reserve(part.points.size() + here);
     if (options_.rays) part.ray_vectors.reserve(part.points.size() + here);
     Values value = {};
-    records_.forEach(*source_, record_, here, [&](std::uint64_t, const char* record) {
+    records_.forEach(*source_, record_, here, [&](std::uint64_t row, const char* record) {
       for (std::size_t c = 0; c < value.size(); ++c)
         if (columns_.property[c])
           value[c] = loadScalar(record + offset_[c], vertex().properties[*columns_.property[c]].type, big_endian_);
-      addVertex(value, part);
+      if (addVertex(value, part) && carried_.size() > 0) carried_.append(record, big_endian_, row, part.attributes);
     });
     record_ += here;
     return true;
@@ -219,7 +239,8 @@ class BinaryPlyReader final : public PlyCloudReader {
     ++record_;
     Values value;
     for (std::size_t c = 0; c < value.size(); ++c) value[c] = columns_.property[c] ? values_[*columns_.property[c]] : 0;
-    addVertex(value, part);
+    if (addVertex(value, part))
+      carried_.appendNumbers([this](std::size_t i) { return values_[i]; }, record_ - 1, part.attributes);
     return true;
   }
 
@@ -285,7 +306,15 @@ class TextPlyReader final : public PlyCloudReader {
     for (std::size_t c = 0; c < value.size(); ++c)
       if (columns_.property[c] && !parseNumber(tokens_[*columns_.property[c]], value[c]))
         lines_.fail("of the data has a value that is not a number");
-    addVertex(value, part);
+    if (addVertex(value, part)) {
+      carried_.appendNumbers(
+          [this](std::size_t i) {
+            double number = 0;
+            if (!parseNumber(tokens_[i], number)) lines_.fail("of the data has a value that is not a number");
+            return number;
+          },
+          record_, part.attributes);
+    }
     ++record_;
     return true;
   }

@@ -13,6 +13,9 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/survey_frame.h"
+#include "io/clouds/carried_fields.h"
+
 namespace accessvdb::io {
 
 /// Points of a LAS file that its maker deleted, made up or took for noise; each counts once.
@@ -28,6 +31,7 @@ struct PointCloud {
   std::vector<Eigen::Vector3d> ray_vectors;  ///< [n] sensor minus point, only with ReadOptions::rays
   std::vector<Eigen::Vector3d> sensors;      ///< [n] PTX: where the scanner of each point was
   std::vector<double> stamps_s;              ///< [n] only with ReadOptions::rays or times, if the file has them
+  std::vector<std::int32_t> attributes;      ///< [n x ReadOptions::carry], row by row
   std::vector<double> times;                 ///< [n] only with ReadOptions::point_times: in the file's own unit
   std::uint64_t truncated_points = 0;        ///< records announced by the header but missing in the file
   std::uint64_t unbounded_rays = 0;          ///< skipped rays that hit nothing (ray clouds: alpha 0)
@@ -38,11 +42,15 @@ struct PointCloud {
 
 struct ReadOptions {
   bool allow_truncated = false;
-  bool rays = false;             ///< PLY: nx ny nz are required, and lead back to the sensor
-  bool times = false;            ///< a time for each point is required
-  bool point_times = false;      ///< PCD, PLY: the time of each point within a scan, if the file has it
-  bool keep_noise = false;       ///< LAS: see NoiseCounts
-  std::string laz_command = {};  ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
+  bool rays = false;                    ///< PLY: nx ny nz are required, and lead back to the sensor
+  bool times = false;                   ///< a time for each point is required
+  bool point_times = false;             ///< PCD, PLY: the time of each point within a scan, if the file has it
+  bool keep_noise = false;              ///< LAS: see NoiseCounts
+  std::vector<std::string> carry = {};  ///< attributes of the returns, see CarriedFields; others than PCD, PLY and LAS
+                                        ///< have none
+  std::int32_t scan = 0;                ///< number of the file among those that are read, for ReadOptions::carry
+  std::string crs_wkt = {};             ///< LAS: counts instead of what the file says of its coordinate system
+  std::string laz_command = {};         ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
 };
 
 /// The last three are recordings: many clouds and their poses in one file, see recording_steps.h.
@@ -80,6 +88,10 @@ class CloudReader {
   [[nodiscard]] virtual std::uint64_t heldBytes() const { return 0; }
   /// The field with the time of each point, with ReadOptions::point_times; empty if there is none.
   [[nodiscard]] virtual std::string timeField() const { return {}; }
+  /// Where ReadOptions::carry is in the records; null for a format that has no such fields.
+  [[nodiscard]] virtual const CarriedFields* carried() const { return nullptr; }
+  /// The coordinate system that the file says; null for a format that says none.
+  [[nodiscard]] virtual const SurveyFrame* frame() const { return nullptr; }
   /// Metres in one unit of the file's x, y and z; what else is given in the cloud's frame has the same units.
   [[nodiscard]] virtual Eigen::Vector3d unit_m() const { return {1, 1, 1}; }
   /// Distance of coordinates that are next to each other, where the file says it; 0 where it does not.

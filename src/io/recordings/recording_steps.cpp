@@ -42,7 +42,8 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
       exclude_box_S_(options.exclude_box_S),
       deskew_(options.deskew),
       time_offset_s_(options.time_offset_s),
-      max_gap_s_(options.max_gap_s) {
+      max_gap_s_(options.max_gap_s),
+      carry_(options.carry) {
   for (const auto& file : files_) recordings_.push_back(openRecording(file, kind, options.allow_truncated));
   RecordingIndex index = indexRecording({.files = files_,
                                          .kind = kind,
@@ -88,6 +89,7 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
     warnOfTilt(index);
   }
   keepPosed(std::move(cloud.clouds), options);
+  requireCarried();
   chooseTimes(cloud);
 }
 
@@ -386,11 +388,13 @@ ScanRecord RecordingSteps::read(std::size_t step) {
     } else {
       bags::appendPoints(cloud, record.points_S);
     }
+    record.attributes = attributesOf(cloud, step);
     record.T_W_S = posed->T_W_sensor;
     const Placed placed = scale_ ? placeCloud(indexed, cloud, record) : Placed::AsIs;
     if (placed == Placed::OtherTimes) {
       record.points_S.clear();
       record.points_W.clear();
+      record.attributes.clear();
       record.skipped = "the cloud at " + secondsText(indexed.stamp_ns) + " s has times that are not those of its scan";
     }
     if (placed == Placed::AsIs) placeAtOnce(registered, exclude_box_S_, record);

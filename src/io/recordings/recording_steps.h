@@ -70,6 +70,9 @@ class RecordingSteps {
   void chooseTimes(const IndexedTopic& cloud);
   [[nodiscard]] Placed placeCloud(const IndexedCloud& indexed, const bags::CloudMessage& cloud,
                                   ScanRecord& record) const;
+  [[nodiscard]] CarriedFields carriedOf(const bags::CloudMessage& cloud, std::size_t step) const;
+  [[nodiscard]] std::vector<std::int32_t> attributesOf(const bags::CloudMessage& cloud, std::size_t step) const;
+  void requireCarried();
   [[nodiscard]] Eigen::Isometry3d onSensor(const Eigen::Isometry3d& T_W_B) const;
   [[nodiscard]] std::optional<Posed> poseAt(std::uint32_t frame, std::int64_t stamp_ns) const;
   [[nodiscard]] std::optional<Posed> poseOf(const IndexedCloud& cloud) const {
@@ -93,6 +96,7 @@ class RecordingSteps {
   std::optional<TimeScale> scale_;  ///< motion within scans is removed
   OffsetRange usual_times_;         ///< of scans that are timed right
   double time_offset_s_ = 0, max_gap_s_ = kMaxPoseGap_s;
+  std::vector<std::string> carry_;        ///< attributes of the points
   std::string child_;                     ///< the frame that the odometry poses
   std::optional<Eigen::Matrix3d> R_L_W_;  ///< turns the frame of the poses level
   std::string span_;                      ///< of the poses, for messages

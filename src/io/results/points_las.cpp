@@ -25,7 +25,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
 
 /// Types of the specification's table "Extra Bytes".
-enum class ExtraType : std::uint8_t { U8 = 1, U16 = 3, F32 = 9 };
+enum class ExtraType : std::uint8_t { U8 = 1, U16 = 3, I32 = 6, F32 = 9 };
 
 #pragma pack(push, 1)
 struct LasHeader {
@@ -36,14 +36,14 @@ struct LasHeader {
   std::uint8_t major = 1, minor = 4;
   char system[32] = "AccessVDB";
   char software[32] = {};
-  std::uint16_t day = 0, year = 0;  ///< none: the same input gives the same bytes
+  std::uint16_t day = 0, year = 0;  ///< of the scans, never of the run: the same input gives the same bytes
   std::uint16_t header_bytes = 375;
   std::uint32_t data_offset = 0;
   std::uint32_t records = 1;
   std::uint8_t format = 7;
   std::uint16_t point_bytes = 0;
   std::uint32_t legacy_points = 0, legacy_by_return[5] = {};
-  double scale[3] = {kLasScale_m, kLasScale_m, kLasScale_m};
+  double scale[3] = {};
   double offset[3] = {};
   double max_min[6] = {};  ///< max x, min x, max y ...
   std::uint64_t waveforms = 0, extended_records = 0;
@@ -95,6 +95,44 @@ constexpr std::array<Column, 5> kColumns = {{{ExtraType::U8, "label", "0 unscore
                                              {ExtraType::F32, "confidence", "0 up to below 1"},
                                              {ExtraType::F32, "yaw", "of the direction, degrees"}}};
 
+/// Dimensions of the point itself: readers do not expect a column of extra bytes of such a name.
+constexpr std::string_view kClass = "classification";
+constexpr std::array<std::string_view, 22> kDimensions = {"x",
+                                                          "y",
+                                                          "z",
+                                                          "intensity",
+                                                          "return_number",
+                                                          "number_of_returns",
+                                                          "synthetic",
+                                                          "key_point",
+                                                          "withheld",
+                                                          "overlap",
+                                                          "scanner_channel",
+                                                          "scan_direction_flag",
+                                                          "edge_of_flight_line",
+                                                          "user_data",
+                                                          "scan_angle",
+                                                          "scan_angle_rank",
+                                                          "point_source_id",
+                                                          "gps_time",
+                                                          "red",
+                                                          "green",
+                                                          "blue",
+                                                          "classification"};
+constexpr std::uint8_t kHasNoData = 1;  // in the options of extra bytes
+
+std::string lower(std::string text) {
+  for (char& c : text) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return text;
+}
+
+std::string extraName(const std::string& carried) {
+  const bool taken = std::find(kDimensions.begin(), kDimensions.end(), lower(carried)) != kDimensions.end();
+  return taken ? "carried_" + carried : carried;
+}
+
 template <std::size_t kSize>
 void copyText(char (&to)[kSize], const std::string& text) {
   std::memcpy(to, text.data(), std::min(kSize, text.size()));
@@ -105,38 +143,92 @@ void write(std::ostream& stream, const T& value) {
   stream.write(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-/// In steps of the scale from the origin.
-std::int32_t stored(double x_W, double origin_W) {
-  const double steps = std::round((x_W - origin_W) / kLasScale_m);
-  if (!(std::abs(steps) < std::numeric_limits<std::int32_t>::max())) {
-    throw OutputError("output.las_range", "points.las", "cannot store a point farther than 214 km from the origin",
-                      "Use points_format ply");
+/// A record in front of the points, of at most 65535 bytes.
+struct LasRecord {
+  const char* user;
+  int id;
+  const char* description;
+  std::string bytes;
+};
+std::vector<LasRecord> recordsOf(const SurveyFrame& frame) {
+  std::vector<LasRecord> records;
+  const auto add = [&](int id, const char* description, const std::string& bytes) {
+    if (!bytes.empty()) records.push_back({"LASF_Projection", id, description, bytes});
+  };
+  if (!frame.wkt.empty()) add(2112, "OGC WKT of the scans", frame.wkt + '\0');
+  add(34735, "GeoKeys of the scans", frame.geo_keys);
+  add(34736, "GeoKeys of the scans: doubles", frame.geo_doubles);
+  add(34737, "GeoKeys of the scans: texts", frame.geo_texts);
+  for (const LasRecord& record : records) {
+    if (record.bytes.size() <= std::numeric_limits<std::uint16_t>::max()) continue;
+    throw OutputError("las.crs", "points.las", "cannot hold a coordinate system of over 65535 bytes",
+                      "Name it by a code, for example EPSG:32632");
   }
-  return static_cast<std::int32_t>(steps);
+  return records;
 }
 
-LasHeader headerOf(const LasContent& content) {
+LasHeader headerOf(const LasContent& content, const LasGrid& grid) {
   LasHeader header;
   copyText(header.software, std::string("AccessVDB ") + programVersion());
-  header.data_offset = sizeof(LasHeader) + sizeof(RecordHead) + kColumns.size() * sizeof(ExtraBytes);
-  header.point_bytes = sizeof(LasPoint);
+  const SurveyFrame& frame = content.frame;
+  const bool keys = !frame.geo_keys.empty() && (frame.wkt.empty() || !frame.wkt_counts);
+  header.global_encoding = static_cast<std::uint16_t>((frame.adjusted_gps_time ? 1 : 0) | (keys ? 0 : 1 << 4));
+  header.year = frame.year;
+  header.day = frame.day;
+  const std::vector<LasRecord> records = recordsOf(frame);
+  const std::size_t columns = kColumns.size() + content.carried.size();
+  std::size_t bytes = sizeof(LasHeader) + sizeof(RecordHead) + columns * sizeof(ExtraBytes);
+  for (const LasRecord& record : records) bytes += sizeof(RecordHead) + record.bytes.size();
+  header.records = static_cast<std::uint32_t>(1 + records.size());
+  header.data_offset = static_cast<std::uint32_t>(bytes);
+  header.point_bytes = static_cast<std::uint16_t>(sizeof(LasPoint) + content.carried.size() * sizeof(std::int32_t));
   header.points = header.by_return[0] = content.points;
   for (int axis = 0; axis < 3; ++axis) {
-    const double origin_W = content.origin_W[axis];
-    header.offset[axis] = origin_W;
+    header.scale[axis] = grid.scale[axis];
+    header.offset[axis] = grid.origin[axis];
     if (content.points == 0) continue;
-    header.max_min[2 * axis] = stored(content.max_W[axis], origin_W) * kLasScale_m + origin_W;
-    header.max_min[2 * axis + 1] = stored(content.min_W[axis], origin_W) * kLasScale_m + origin_W;
+    header.max_min[2 * axis] = grid.steps(content.max_W[axis], axis) * grid.scale[axis] + grid.origin[axis];
+    header.max_min[2 * axis + 1] = grid.steps(content.min_W[axis], axis) * grid.scale[axis] + grid.origin[axis];
   }
   return header;
 }
 
 }  // namespace
 
-LasWriter::LasWriter(std::ostream& stream, const LasContent& content) : stream_(stream), origin_W_(content.origin_W) {
-  write(stream_, headerOf(content));
+LasGrid::LasGrid(const Eigen::Vector3d& origin_W, const SurveyFrame& frame) : unit_m(frame.unit_m) {
+  for (int axis = 0; axis < 3; ++axis) {
+    // In metres the numbers stay as they are, to the last bit.
+    origin[axis] = unit_m[axis] == 1 ? origin_W[axis] : origin_W[axis] / unit_m[axis];
+    scale[axis] = unit_m[axis] < 0.5 ? 0.0003 : 0.0001;
+  }
+}
+
+std::int32_t LasGrid::steps(double x_W, int axis) const {
+  const double x = unit_m[axis] == 1 ? x_W : x_W / unit_m[axis];
+  const double count = std::round((x - origin[axis]) / scale[axis]);
+  if (!(std::abs(count) < std::numeric_limits<std::int32_t>::max())) {
+    throw OutputError("output.las_range", "points.las", "cannot store a point farther than some 200 km from the origin",
+                      "Use points_format ply");
+  }
+  return static_cast<std::int32_t>(count);
+}
+
+LasWriter::LasWriter(std::ostream& stream, const LasContent& content)
+    : stream_(stream), grid_(content.origin_W, content.frame) {
+  write(stream_, headerOf(content, grid_));
+  for (const LasRecord& record : recordsOf(content.frame)) {
+    RecordHead own;
+    std::memset(own.user, 0, sizeof own.user);
+    std::memset(own.description, 0, sizeof own.description);
+    copyText(own.user, record.user);
+    copyText(own.description, record.description);
+    own.id = static_cast<std::uint16_t>(record.id);
+    own.bytes = static_cast<std::uint16_t>(record.bytes.size());
+    write(stream_, own);
+    stream_.write(record.bytes.data(), static_cast<std::streamsize>(record.bytes.size()));
+  }
   RecordHead head;
-  head.bytes = kColumns.size() * sizeof(ExtraBytes);
+  head.bytes = static_cast<std::uint16_t>((kColumns.size() + content.carried.size()) * sizeof(ExtraBytes));
   write(stream_, head);
   for (const Column& column : kColumns) {
     ExtraBytes extra;
@@ -145,11 +237,23 @@ LasWriter::LasWriter(std::ostream& stream, const LasContent& content) : stream_(
     copyText(extra.description, column.description);
     write(stream_, extra);
   }
+  for (std::size_t n = 0; n < content.carried.size(); ++n) {
+    if (lower(content.carried[n]) == kClass) class_ = n;
+    ExtraBytes extra;
+    extra.type = ExtraType::I32;
+    extra.options = kHasNoData;
+    copyText(extra.name, extraName(content.carried[n]));
+    copyText(extra.description, "of most of the point's returns");
+    const std::int64_t none = kNoAttribute;
+    std::memcpy(extra.no_data, &none, sizeof none);
+    write(stream_, extra);
+  }
 }
 
-void LasWriter::add(const SurfacePoint& point) {
+void LasWriter::add(const SurfacePoint& point, std::span<const std::int32_t> carried,
+                    const std::optional<FirstReturn>& first) {
   LasPoint record;
-  for (int axis = 0; axis < 3; ++axis) record.xyz[axis] = stored(point.position_W[axis], origin_W_[axis]);
+  for (int axis = 0; axis < 3; ++axis) record.xyz[axis] = grid_.steps(point.position_W[axis], axis);
   const auto colour = colourOf(point.label);
   for (std::size_t n = 0; n < 3; ++n) record.rgb[n] = static_cast<std::uint16_t>(colour[n] * 257);
   record.label = static_cast<std::uint8_t>(point.label);
@@ -157,22 +261,34 @@ void LasWriter::add(const SurfacePoint& point) {
   record.score = point.score;
   record.confidence = point.confidence;
   record.yaw_deg = static_cast<float>(point.yaw_rad * kDegreesPerRadian);
+  if (first) {
+    record.gps_time = first->gps_time;
+    record.classification = first->point_class;
+  }
+  if (class_ && carried[*class_] >= 0 && carried[*class_] <= std::numeric_limits<std::uint8_t>::max()) {
+    record.classification = static_cast<std::uint8_t>(carried[*class_]);
+  }
   write(stream_, record);
+  for (const std::int32_t value : carried) write(stream_, value);
 }
 
 }  // namespace accessvdb::internal
 
 namespace accessvdb::io {
 
-void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points) {
-  internal::LasContent content = {points.origin_W(), {}, {}, points.size()};
+void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points, const SurveyFrame& frame) {
+  internal::LasContent content = {points.origin_W(), {}, {}, points.size(), points.attributeNames(), frame};
   Eigen::AlignedBox3d box;
   for (std::size_t n = 0; n < points.size(); ++n) box.extend(points.position_W(n));
   content.min_W = box.min();
   content.max_W = box.max();
   writeFileDurably(path, [&](std::ostream& stream) {
     internal::LasWriter writer(stream, content);
-    for (std::size_t n = 0; n < points.size(); ++n) writer.add(points.at(n));
+    std::vector<std::int32_t> carried(content.carried.size());
+    for (std::size_t n = 0; n < points.size(); ++n) {
+      for (std::size_t c = 0; c < carried.size(); ++c) carried[c] = points.attribute(n, c);
+      writer.add(points.at(n), carried, points.firstReturn(n));
+    }
   });
 }
 

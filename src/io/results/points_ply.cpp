@@ -42,7 +42,7 @@ internal::PointsPlyColumns columnsOf(const FieldMetadata& metadata) {
   const auto has = [&](const char* name) {
     return std::any_of(metadata.begin(), metadata.end(), [&](const auto& entry) { return entry.first == name; });
   };
-  return {has("orientations"), has("orientations") && has("rolls"), has("tools")};
+  return {has("orientations"), has("orientations") && has("rolls"), has("tools"), 0};
 }
 
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
@@ -69,6 +69,7 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   for (const auto& property : internal::kPointsPlyTools) {
     if (columns.tools) stream << "property " << property.type << " " << property.name << "\n";
   }
+  for (const std::string& name : points.attributeNames()) stream << internal::kPointsPlyCarried << name << "\n";
   stream << "end_header\n";
 }
 
@@ -103,11 +104,13 @@ char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyCo
 void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points, const FieldMetadata& metadata) {
   writeFileDurably(path, [&](std::ostream& stream) {
     writeHeader(stream, points, metadata);
-    const internal::PointsPlyColumns columns = columnsOf(metadata);
+    internal::PointsPlyColumns columns = columnsOf(metadata);
+    columns.carried = points.attributeNames().size();
     std::vector<char> block(internal::kPointsPlyRecordsPerBlock * columns.recordBytes());
     char* to = block.data();
     for (std::size_t n = 0; n < points.size(); ++n) {
       to = putRecord(to, points.at(n), columns);
+      for (std::size_t c = 0; c < columns.carried; ++c) to = put(to, points.attribute(n, c));
       if (to == block.data() + block.size()) {
         stream.write(block.data(), static_cast<std::streamsize>(block.size()));
         to = block.data();

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 #include "accessvdb/types.h"
 
@@ -49,10 +50,13 @@ struct PointsPlyColumns {
   bool orientation = false;  ///< kPointsPlyOrientation
   bool roll = false;         ///< kPointsPlyRoll, only with orientation
   bool tools = false;        ///< kPointsPlyTools
+  std::size_t carried = 0;   ///< behind all of them, attributes of the returns as int
 
   [[nodiscard]] constexpr std::size_t recordBytes() const {
-    return kPointsPlyRecordBytes + (orientation ? 4 * 4 + 2 : 0) + (roll ? 1 : 0) + (tools ? 1 + 4 : 0);
+    return kPointsPlyRecordBytes + (orientation ? 4 * 4 + 2 : 0) + (roll ? 1 : 0) + (tools ? 1 + 4 : 0) + 4 * carried;
   }
+  /// Where they are in a record.
+  [[nodiscard]] constexpr std::size_t carriedBegin() const { return recordBytes() - 4 * carried; }
   friend bool operator==(const PointsPlyColumns&, const PointsPlyColumns&) = default;
 };
 /// Read and written at a time.
@@ -62,5 +66,9 @@ inline constexpr double kDegreesPerRadian = 57.295779513082320876798;
 /// The columns of a record, unchecked: weight and the confident flag are not among them, nor is the direction's index
 /// if it is not oriented.
 [[nodiscard]] SurfacePoint pointOfRecord(const char* record, const PointsPlyColumns& columns);
+/// An attribute that the returns carried, as the record has it. @param column  below columns.carried
+[[nodiscard]] std::int32_t carriedOfRecord(const char* record, const PointsPlyColumns& columns, std::size_t column);
+/// What the header says of it, before the name.
+inline constexpr const char* kPointsPlyCarried = "property int ";
 
 }  // namespace accessvdb::internal

@@ -28,6 +28,7 @@ struct FieldPlyHeader {
   // Parameters from the comments, if present: they determine what the columns do not contain.
   std::optional<double> num_directions, confidence_half_weight, stability_min;
   internal::PointsPlyColumns columns;
+  std::vector<std::string> carried;  ///< names of the last columns
 
   [[nodiscard]] std::size_t recordBytes() const { return columns.recordBytes(); }
 };
@@ -71,10 +72,14 @@ class PlyReader {
                             std::to_string(header_.recordBytes()) + " bytes, but " + std::to_string(rest) +
                             " bytes follow the header");
     }
-    return {header_.count, *header_.origin_W, *header_.voxel_size_m, header_.metadata};
+    return {header_.count, *header_.origin_W, *header_.voxel_size_m, header_.metadata, header_.carried};
   }
 
+  [[nodiscard]] const std::vector<std::string>& carried() const { return header_.carried; }
+  [[nodiscard]] const internal::PointsPlyColumns& columns() const { return header_.columns; }
+
   /// After header(). @param every  points with other numbers than multiples of it are left out
+  /// @param take  (point, its record)
   template <typename Take>
   void visit(std::uint64_t every, const Take& take) {
     std::vector<char> block(internal::kPointsPlyRecordsPerBlock * header_.recordBytes());
@@ -87,7 +92,7 @@ class PlyReader {
             parseRecord(block.data() + i * header_.recordBytes(), static_cast<std::uint32_t>(done + i));
         complete(point, header_);
         requireConsistent(point);
-        take(point);
+        take(point, block.data() + i * header_.recordBytes());
       }
       done += records;
     }
@@ -135,18 +140,25 @@ class PlyReader {
         fail("foreign", "has other elements or properties than the points of an accessibility field");
       }
     }
+    constexpr std::string_view kCarried = std::string_view(internal::kPointsPlyCarried).substr(9);
+    while (!properties.empty() && properties.back().starts_with(kCarried)) {
+      header.carried.insert(header.carried.begin(), properties.back().substr(kCarried.size()));
+      properties.pop_back();
+    }
     const auto columns = columnsOf(properties);
     if (!vertices || !columns)
       fail("foreign", "lacks properties of the points of an accessibility field, or has others");
     header.columns = *columns;
+    header.columns.carried = header.carried.size();
     return header;
   }
 
   static constexpr std::size_t kMostProperties = 64;
   /// @param properties  "type name" of each, in their order
   static std::optional<internal::PointsPlyColumns> columnsOf(const std::vector<std::string>& properties) {
-    constexpr internal::PointsPlyColumns kKinds[] = {{false, false, false}, {true, false, false}, {true, true, false},
-                                                     {false, false, true},  {true, false, true},  {true, true, true}};
+    constexpr internal::PointsPlyColumns kKinds[] = {{false, false, false, 0}, {true, false, false, 0},
+                                                     {true, true, false, 0},   {false, false, true, 0},
+                                                     {true, false, true, 0},   {true, true, true, 0}};
     for (const internal::PointsPlyColumns& columns : kKinds) {
       std::vector<std::string> expected;
       const auto add = [&](const internal::PointProperty& property) {
@@ -260,21 +272,41 @@ FieldSnapshot readPointsPly(const std::filesystem::path& path, std::uint64_t eve
   field.origin_W = header.origin_W;
   field.voxel_size_m = header.voxel_size_m;
   field.points.reserve(header.points / every + 1);
-  reader.visit(every, [&](const SurfacePoint& point) { field.points.push_back(point); });
+  for (const std::string& name : reader.carried()) field.attributes.push_back({name, {}});
+  const internal::PointsPlyColumns columns = reader.columns();
+  reader.visit(every, [&](const SurfacePoint& point, const char* record) {
+    field.points.push_back(point);
+    for (std::size_t c = 0; c < columns.carried; ++c) {
+      field.attributes[c].values.push_back(internal::carriedOfRecord(record, columns, c));
+    }
+  });
   return field;
 }
 
 PointsHeader readPointsHeader(const std::filesystem::path& path) { return PlyReader(path).header(); }
 PointsHeader visitPoints(const std::filesystem::path& path, const std::function<void(const SurfacePoint&)>& take) {
+  return visitCarryingPoints(path, [&](const SurfacePoint& point, std::span<const std::int32_t>) { take(point); });
+}
+PointsHeader visitCarryingPoints(const std::filesystem::path& path, const TakeCarryingPoint& take) {
   PlyReader reader(path);
   PointsHeader header = reader.header();
-  reader.visit(1, take);
+  std::vector<std::int32_t> carried(header.attributes.size());
+  reader.visit(1, [&](const SurfacePoint& point, const char* record) {
+    for (std::size_t c = 0; c < carried.size(); ++c)
+      carried[c] = internal::carriedOfRecord(record, reader.columns(), c);
+    take(point, carried);
+  });
   return header;
 }
 
 }  // namespace accessvdb::io
 
 namespace accessvdb::internal {
+
+std::int32_t carriedOfRecord(const char* record, const PointsPlyColumns& columns, std::size_t column) {
+  const char* from = record + columns.carriedBegin() + 4 * column;
+  return io::take<std::int32_t>(from);
+}
 
 SurfacePoint pointOfRecord(const char* from, const PointsPlyColumns& columns) {
   SurfacePoint point;

@@ -40,6 +40,18 @@ class Column {
   ValueOf<ValueT> value_;
 };
 
+/// The same for an attribute that the returns carried.
+class CarriedColumn {
+ public:
+  using value_type = int;
+  CarriedColumn(const SurfacePoints& points, std::size_t column) : points_(points), column_(column) {}
+  void get(int& value, std::size_t n, openvdb::Index) const { value = points_.attribute(n, column_); }
+
+ private:
+  const SurfacePoints& points_;
+  std::size_t column_;
+};
+
 /// The same for positions. In doubles, so that a position far from the local origin keeps its place inside its voxel.
 class PositionColumn {
  public:
@@ -123,6 +135,12 @@ PointDataGrid::Ptr PointGridMaker::make() {
   addColumn<int>("reason", [](const SurfacePoint& p, io::UpAxis) { return static_cast<int>(p.reason); });
   addColumn<int>(
       "score", [](const SurfacePoint& p, io::UpAxis) { return p.score == kNoScore ? -1 : static_cast<int>(p.score); });
+  const std::vector<std::string> carried = points_.attributeNames();
+  for (std::size_t c = 0; c < carried.size(); ++c) {
+    openvdb::points::appendAttribute<int, NullCodec>(grid_->tree(), carried[c]);
+    openvdb::points::populateAttribute<PointDataGrid::TreeType, openvdb::tools::PointIndexTree, CarriedColumn>(
+        grid_->tree(), index_->tree(), carried[c], CarriedColumn(points_, c));
+  }
   openvdb::points::appendAttribute<float, NullCodec>(grid_->tree(), "pscale", static_cast<float>(voxel_size_m / 2));
   for (const PointLabel label : {PointLabel::Accessible, PointLabel::Blocked, PointLabel::Unscored}) addGroup(label);
   return grid_;

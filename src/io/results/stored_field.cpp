@@ -160,6 +160,8 @@ StoredField::Answer StoredField::at(const Eigen::Vector3d& p_W) const {
   const auto take = [&](openvdb::Int32 index_plus_1) {
     answer.point = field.points[static_cast<std::size_t>(index_plus_1 - 1)];
     answer.point_distance_m = (answer.point->position_W - p_W).norm();
+    for (const AttributeColumn& column : field.attributes)
+      answer.attributes.emplace_back(column.name, column.values[static_cast<std::size_t>(index_plus_1 - 1)]);
   };
   if (const auto own = points.getValue(ijk); own != 0) {
     take(own);

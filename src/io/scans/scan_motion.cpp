@@ -52,12 +52,18 @@ MovedScan moveEach(const Scan& scan, const std::vector<Point>& points, const Pos
                          scan.scale.absolute ? scan.stamp_s / scan.scale.unit_s : 0};
   const TimeSpan known[] = {span.value_or(none)};
   const ScanMotion motion(poseAt, offsetRange(known, scan.scale));
+  const std::size_t width = count == 0 ? 0 : scan.attributes.size() / count;
+  const auto keepAttributes = [&](std::size_t i) {
+    const auto row = scan.attributes.subspan(i * width, width);
+    moved.attributes.insert(moved.attributes.end(), row.begin(), row.end());
+  };
   for (std::size_t i = 0; i < count; ++i) {
     const Eigen::Vector3d p = points[i].template cast<double>();
     if (!isReturn(points[i])) {
       const Eigen::Vector3d sensor_W = scan.T_W_S.translation();
       moved.origins_W.push_back(sensor_W);
       moved.points_W.push_back(p.isZero(0) ? sensor_W : p);
+      keepAttributes(i);
       continue;
     }
     const auto T_W_S = motion.at(scan.scale.offset_s(scan.times[i], scan.stamp_s));
@@ -72,6 +78,7 @@ MovedScan moveEach(const Scan& scan, const std::vector<Point>& points, const Pos
     }
     moved.points_W.push_back(inWorld(p, *T_W_S));
     moved.origins_W.emplace_back(T_W_S->translation());
+    keepAttributes(i);
   }
   return moved;
 }
@@ -116,15 +123,17 @@ bool areTimesOf(const std::vector<Point>& points, const TimesOfScan& of) {
 
 Placed placeByTimes(const TimesOfScan& of, const PoseAtMillisecond& poseAt, ScanRecord& record) {
   if (of.registered ? !areTimesOf(record.points_W, of) : !areTimesOf(record.points_S, of)) return Placed::OtherTimes;
-  MovedScan moved =
-      of.registered
-          ? beginWhereMeasured({record.points_W, of.times, of.scale, of.stamp_s, record.T_W_S, of.exclude_box_S},
-                               poseAt)
-          : removeMotion({record.points_S, of.times, of.scale, of.stamp_s, record.T_W_S, of.exclude_box_S}, poseAt);
+  MovedScan moved = of.registered ? beginWhereMeasured({record.points_W, of.times, of.scale, of.stamp_s, record.T_W_S,
+                                                        of.exclude_box_S, record.attributes},
+                                                       poseAt)
+                                  : removeMotion({record.points_S, of.times, of.scale, of.stamp_s, record.T_W_S,
+                                                  of.exclude_box_S, record.attributes},
+                                                 poseAt);
   if (!of.insist && !coversScan(moved)) return Placed::AsIs;
   record.points_S.clear();
   record.points_W = std::move(moved.points_W);
   record.origins_W = std::move(moved.origins_W);
+  record.attributes = std::move(moved.attributes);
   record.excluded_points = moved.excluded;
   record.unposed_points = moved.unposed;
   record.deskewed = !of.registered;
@@ -134,8 +143,9 @@ Placed placeByTimes(const TimesOfScan& of, const PoseAtMillisecond& poseAt, Scan
 void placeAtOnce(bool registered, const std::optional<Eigen::AlignedBox3d>& exclude_box_S, ScanRecord& record) {
   if (exclude_box_S)
     record.excluded_points =
-        registered ? leaveOutInside(*exclude_box_S, record.T_W_S.inverse(Eigen::Isometry), record.points_W)
-                   : leaveOutInside(*exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S);
+        registered
+            ? leaveOutInside(*exclude_box_S, record.T_W_S.inverse(Eigen::Isometry), record.points_W, record.attributes)
+            : leaveOutInside(*exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S, record.attributes);
   if (registered) record.origins_W = {record.T_W_S.translation()};
 }
 

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "accessvdb/scan_io.h"
@@ -43,6 +44,7 @@ struct TimedScan {
   double stamp_s = 0;                                       ///< as TimeSpan::stamp_s
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();  ///< at the stamp; for what is no return
   std::optional<Eigen::AlignedBox3d> exclude_box_S;
+  std::span<const std::int32_t> attributes = {};  ///< a row for each point, or empty
 };
 
 /// A registered scan: its points are where they were measured, with the motion removed.
@@ -53,10 +55,12 @@ struct TimedRays {
   double stamp_s = 0;  ///< as TimeSpan::stamp_s
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
   std::optional<Eigen::AlignedBox3d> exclude_box_S;
+  std::span<const std::int32_t> attributes = {};  ///< a row for each point, or empty
 };
 
 struct MovedScan {
   std::vector<Eigen::Vector3d> points_W, origins_W;  ///< equal for "no return", so that it stays one
+  std::vector<std::int32_t> attributes;              ///< of those
   std::uint64_t returns = 0;                         ///< of the scan, without excluded ones
   std::uint64_t unposed = 0;                         ///< of these left out: no pose at their time
   std::uint64_t excluded = 0;                        ///< inside exclude_box_S

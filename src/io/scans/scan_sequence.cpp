@@ -18,6 +18,7 @@
 #include "io/recordings/recording_steps.h"
 #include "io/scans/deskew_choice.h"
 #include "io/scans/exclude_box.h"
+#include "io/scans/missing_attributes.h"
 #include "io/scans/scan_checks.h"
 #include "io/scans/scan_files.h"
 #include "io/scans/scan_motion.h"
@@ -85,6 +86,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   OffsetRange usual_times;                  ///< of scans that are timed right
   std::vector<ScanWarning> warnings;
   SkippedScans skipped;  ///< on being read
+  SurveyFrame frame;
+  MissingAttributes missing;  ///< on being read
 
   [[nodiscard]] std::size_t size() const {
     return recording ? recording->size() : clouds ? clouds->size() : poses.size();
@@ -94,6 +97,14 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     if (step >= size())
       throw InvalidArgument("usage.step", "step " + std::to_string(step),
                             "is past the end; there are " + std::to_string(size()), "Count from 0");
+  }
+
+  [[nodiscard]] bool isLas() const { return kind == ScanKind::Las || kind == ScanKind::Laz; }
+  /// What is carried besides the attributes that have names.
+  void addCarried() {
+    if (options.index) options.carry.insert(options.carry.end(), {kScanName, kRowName});
+    if (options.first_returns && isLas())
+      options.carry.insert(options.carry.end(), std::begin(kFirstReturnNames), std::end(kFirstReturnNames));
   }
 
   void addFileNotices(const std::vector<std::string>& more) {
@@ -125,6 +136,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                      .kind = kind,
                      .read = {.allow_truncated = options.allow_truncated,
                               .keep_noise = options.keep_noise,
+                              .carry = options.carry,
+                              .crs_wkt = options.crs_wkt,
                               .laz_command = laz_command},
                      .time_offset_s = options.time_offset_s,
                      .rays_per_step = options.rays_per_step,
@@ -163,6 +176,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       rule = "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame";
     }
     clouds.emplace(std::move(input));
+    frame = clouds->frame();
     addFileNotices(clouds->notices());
     if (const auto& doubts = clouds->unitDoubts(); !doubts.empty())
       warnings.push_back(
@@ -255,6 +269,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     }
     track = std::move(found.track);
     for (PoseEntry& pose : track) ofSensor(pose.T_W_S);
+    CarriedCheck carried(options.carry);
+    for (std::size_t step = 0; step < poses.size() && !carried.hasAll(); ++step)
+      carried.note(openScan(step)->carried(), forMessage(scan_files[step].native()));
+    carried.require();
     chooseTimes();
   }
 
@@ -308,6 +326,9 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                          {.allow_truncated = options.allow_truncated,
                           .point_times = options.deskew != Deskew::Off,
                           .keep_noise = options.keep_noise,
+                          .carry = options.carry,
+                          .scan = static_cast<std::int32_t>(step),
+                          .crs_wkt = options.crs_wkt,
                           .laz_command = laz_command});
   }
 
@@ -343,6 +364,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       for (const Eigen::Vector3d& p : part.points)
         record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
       times.insert(times.end(), part.times.begin(), part.times.end());
+      record.attributes.insert(record.attributes.end(), part.attributes.begin(), part.attributes.end());
       totals.add(part);
       read = part.points.size();
     }
@@ -353,6 +375,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     const Placed placed = scale ? placeScan(times, step, record) : Placed::AsIs;
     if (placed == Placed::OtherTimes) {
       record.points_S.clear();
+      record.attributes.clear();
       record.skipped = forMessage(path.filename().native(), 64) + " has times that are not those of its scan";
     }
     if (placed != Placed::AsIs) return record;
@@ -379,6 +402,7 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
     impl->stations_W = std::move(stations.positions_W);
   }
   impl->kind = scans.kind;
+  impl->addCarried();
   impl->notices = scans.notices;
   if (scans.kind == ScanKind::Laz) impl->chooseDecoder(scans.files.front());
   const bool single = scans.files.size() == 1;
@@ -409,6 +433,7 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
     impl->openScans(scans, std::move(checks));
   }
   impl->notices.push_back(impl->rule);
+  impl->frame.first_returns = options.first_returns && impl->isLas();
   for (const auto& file : impl->scan_files) impl->input_bytes += inputFileSize(file);
   if (const auto noise = besideScans(scans, "range_noise.txt")) {
     impl->range_noise_m = readRangeNoise(*noise);
@@ -425,6 +450,7 @@ ScanRecord ScanSequence::read(std::size_t step) {
                       : impl_->clouds  ? impl_->clouds->read(step)
                                        : impl_->readScan(step);
   if (!record.skipped.empty()) impl_->skipped.add(step, record.skipped, impl_->size());
+  impl_->missing.note(record.attributes, impl_->options.carry, step);
   return record;
 }
 
@@ -451,7 +477,13 @@ std::string ScanSequence::path(std::size_t step) const {
 
 const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }
 const std::vector<ScanWarning>& ScanSequence::warnings() const { return impl_->warnings; }
-std::vector<ScanWarning> ScanSequence::readWarnings() const { return impl_->skipped.warnings(impl_->size()); }
+std::vector<ScanWarning> ScanSequence::readWarnings() const {
+  std::vector<ScanWarning> warnings = impl_->skipped.warnings(impl_->size());
+  impl_->missing.addWarnings(
+      impl_->size(), [this](std::size_t step) { return path(step); }, warnings);
+  return warnings;
+}
+const SurveyFrame& ScanSequence::frame() const { return impl_->frame; }
 std::string ScanSequence::matchingRule() const { return impl_->rule; }
 
 std::vector<std::string> ScanSequence::paths() const {

@@ -18,6 +18,7 @@ class Report {
     fillSummary(facts);
     fillProblems(facts);
     fillAreas(facts);
+    fillTables(facts, (row) => this.look(row));
     fillRun(facts);
   }
 
@@ -186,6 +187,15 @@ class Report {
 
   fit() {
     this.camera.fit();
+    this.moved();
+  }
+
+  // At the box of a row of a table. "Fit" shows everything again.
+  look({low, high}) {
+    const home = this.camera.home, anchor = this.points.anchor_W;
+    this.camera.home = {low: subtract(low, anchor), high: subtract(high, anchor)};
+    this.camera.fit();
+    this.camera.home = home;
     this.moved();
   }
 

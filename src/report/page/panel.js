@@ -11,8 +11,11 @@ function byId(id) { return document.getElementById(id); }
 function fillSummary(facts) {
   const total = facts.points.total, run = facts.run || {};
   const reachable = (each) => each.label === "accessible";
-  document.title = `${facts.name} – accessibility report`;
-  byId("title").textContent = facts.name;
+  const header = facts.header || {};
+  document.title = `${header.title || facts.name} – accessibility report`;
+  byId("title").textContent = header.title || facts.name;
+  byId("client").textContent = [header.client, header.site].filter(Boolean).join(" · ");
+  byId("client").hidden = byId("client").textContent === "";
   const tool = facts.metadata.tool || (run.parameters || {}).tool;
   byId("subject").textContent = (tool ? `Tool ${tool}, voxels` : "Voxels") +
       ` of ${lengthText(facts.frame.voxel_size_m)}` +

@@ -32,7 +32,7 @@ edit params_rows.h 'paramRow<&UpdateParams::seed,' 'paramRow<&UpdateParams::adde
         "added_rad", ParamRange{0, 3}, "Added by a test."), paramRow<&UpdateParams::seed,'
 edit c_api.h '} accessvdb_params;' 'double added_rad; } accessvdb_params;'
 
-for file in src/field/params.cpp src/field/state/state_head.cpp src/capi/params_from_c.cpp src/capi/boundary.cpp \
+for file in src/field/params.cpp src/field/carry.cpp src/field/state/state_head.cpp src/capi/params_from_c.cpp src/capi/boundary.cpp \
   src/tool/orientation_set.cpp src/tool/orientation_text.cpp tests/unit/field/params_rows_test.cpp; do
   compile "$file"
 done

@@ -68,6 +68,8 @@ Value otherThan(const Value& value, const Row& row, const FieldParams& all) {
     return OrientationSet::sphere(15);
   } else if constexpr (std::is_same_v<Value, std::optional<FieldWindow>>) {
     return FieldWindow{{0, 0}, {128, 128}};
+  } else if constexpr (std::is_same_v<Value, std::vector<CarriedAttribute>>) {
+    return {{"tree_id", Keep::Majority}, {"species", Keep::Majority}};
   } else {
     return {otherThan(*value, row, all)};
   }
@@ -164,6 +166,7 @@ TEST(ParamRows, AreDescribed) {
   base.approach.orientations = OrientationSet::sphere(20);
   base.approach.rolls = 3;
   base.tsdf.region = UpdateRegion::Projective;
+  base.carry = carryOf("class");
   const auto before = linesOf(base);
   forEachParam([&]<typename Row>(const Row& row, const auto& field) {
     FieldParams params = base;
@@ -220,6 +223,33 @@ TEST(ParamRows, MakeStatesOfThisSchema) {
   EXPECT_EQ(internal::bytesOf(headOf(FieldParams{}.resolved())).size(), 407u);
 }
 
+/// Numbers that files have. Those without attributes are of versions before them, which must still be read.
+TEST(ParamRows, KeepTheLayoutsOfEarlierStates) {
+  struct Layout {
+    std::uint32_t schema, plain;
+    bool full_change, scored, carrying;
+  };
+  for (const Layout& layout :
+       {Layout{6, 6, false, false, false}, Layout{7, 7, false, false, false}, Layout{8, 8, false, false, false},
+        Layout{16, 6, true, false, false}, Layout{18, 8, true, false, false}, Layout{26, 6, false, true, false},
+        Layout{28, 8, false, true, false}, Layout{36, 6, true, true, false}, Layout{38, 8, true, true, false},
+        Layout{46, 6, false, false, true}, Layout{58, 8, true, false, true}, Layout{66, 6, false, true, true},
+        Layout{78, 8, true, true, true}}) {
+    EXPECT_TRUE(internal::isStateSchema(layout.schema)) << layout.schema;
+    EXPECT_EQ(internal::plainSchema(layout.schema), layout.plain) << layout.schema;
+    EXPECT_EQ(internal::isFullChangeSchema(layout.schema), layout.full_change) << layout.schema;
+    EXPECT_EQ(internal::isScoredSchema(layout.schema), layout.scored) << layout.schema;
+    EXPECT_EQ(internal::isCarryingSchema(layout.schema), layout.carrying) << layout.schema;
+  }
+  for (const std::uint32_t schema : {0u, 5u, 9u, 15u, 19u, 25u, 29u, 39u, 45u, 79u, 86u, 106u}) {
+    EXPECT_FALSE(internal::isStateSchema(schema)) << schema;
+  }
+  FieldParams params = FieldParams{}.resolved();
+  EXPECT_EQ(internal::stateSchemaOf(params, true), 26u);
+  params.carry = carryOf("tree_id");
+  EXPECT_EQ(internal::stateSchemaOf(params, false), 46u);
+}
+
 TEST(ParamRows, GoToCAndBack) {
   const FieldParams base;
   std::vector<int> covered(sizeof(accessvdb_params), 0);
@@ -235,6 +265,11 @@ TEST(ParamRows, GoToCAndBack) {
         c.orientations = "sphere:15";
         const FieldParams back = capi::paramsFromC(c);
         EXPECT_EQ(field(back).text(), "sphere:15");
+      } else if constexpr (Row::template is<&FieldParams::carry>) {
+        EXPECT_EQ(c.carry, nullptr);
+        c.carry = " tree_id  species ";
+        const FieldParams back = capi::paramsFromC(c);
+        EXPECT_EQ(field(back), field(params));
       } else {
         const FieldParams back = capi::paramsFromC(c);
         EXPECT_EQ(field(back), field(params));

@@ -178,6 +178,7 @@ void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out)
   flags.option("--origin", &options.origin,
                "X,Y,Z of the map's local origin in the world frame, or a folder with an earlier result");
   flags.flag("--no-clobber", options.no_clobber, "refuse to overwrite existing outputs");
+  addCarryOption(flags, options.survey);
   addMirrorOption(flags, options);
   addExportOptions(flags, options.exported);
   addPictureOptions(flags, options.picture);
@@ -201,6 +202,9 @@ void checkMapOptions(const MapOptions& options) {
   (void)writeOptions(options.exported);
   (void)fieldParams(options);
   checkCheckpointOptions(options);
+  if (!options.survey.crs.empty() && options.exported.points_format != "las") {
+    throw InvalidArgument("usage.crs", "--crs", "is what points.las says", "Add --points-format las, or omit it");
+  }
   for (const std::string& region : options.remove) (void)parseRegion(region);
   (void)parseRemovedAs(options.removed_as);
 }
@@ -248,6 +252,7 @@ io::ScanInputOptions scanInputOptions(const MapOptions& options) {
   input.allow_truncated = options.allow_truncated;
   input.sort_poses = options.sort_poses;
   applySurveyOptions(options.survey, input);
+  input.first_returns = options.exported.points_format == "las";
   applyRecordingOptions(options.recording, input);
   applySensorOptions(options.sensor, input);
   return input;
@@ -329,6 +334,11 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   params.threads = options.common.threads;
   params.mirror_distance = options.mirror_distance;
   params.origin_W = givenOrigin(options);
+  for (const CarriedName& name : carriedNames(options.survey)) params.carry.push_back({name.column, Keep::Majority});
+  if (options.survey.index) {
+    params.carry.push_back({"scan", Keep::First});
+    params.carry.push_back({"index", Keep::First});
+  }
   return params.resolved();
 }
 

@@ -8,6 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "options/options.h"
+#include "options/tools_given.h"
 #include "output/error_output.h"
 
 namespace accessvdb::tools {
@@ -41,6 +42,29 @@ void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
       "las2las -stdout, if installed");
 }
 
+void addCarryOption(FlagParser& flags, SurveyOptions& options) {
+  flags.repeated("--carry", &options.carry,
+                 "an attribute of the scans that the points get, such as classification or tree_id: what most of a "
+                 "point's returns have, of several the lowest; NAME=COLUMN gives its column another name");
+  flags.flag(
+      "--index", options.index,
+      "columns scan and index: the number of the scan and of the row in it of each point's first return, from 0");
+  flags.option(
+      "--crs", &options.crs,
+      "coordinate system of the scans, in place of what LAS files say: a code such as EPSG:32632 (needs proj-bin) "
+      "or a file with well-known text; points.las says it");
+}
+
+std::vector<CarriedName> carriedNames(const SurveyOptions& options) {
+  std::vector<CarriedName> names;
+  if (options.carry.empty()) return names;
+  for (const std::string& text : valuesOf(options.carry)) {
+    const std::size_t equals = text.find('=');
+    names.push_back({text.substr(0, equals), equals == std::string::npos ? text : text.substr(equals + 1)});
+  }
+  return names;
+}
+
 void addGapOption(FlagParser& flags, SurveyOptions& options) {
   flags.option("--max-gap", &options.max_gap_s,
                "longest time without poses, in seconds, over which they are interpolated, 0.001 .. 10");
@@ -60,6 +84,9 @@ void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& inpu
   input.laz_command = options.laz_command;
   input.keep_noise = options.keep_noise;
   if (!options.ray.empty()) input.ray_W = parseVector("--ray", options.ray);
+  for (const CarriedName& name : carriedNames(options)) input.carry.push_back(name.in_scans);
+  input.index = options.index;
+  if (!options.crs.empty()) input.crs_wkt = io::crsWkt(options.crs);
 }
 
 std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const SurveyOptions& options) {
@@ -79,6 +106,9 @@ std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const Survey
   if (!options.ray.empty()) given.emplace_back("ray", options.ray);
   if (options.keep_noise) given.emplace_back("keep_noise", "true");
   if (!options.laz_command.empty()) given.emplace_back("laz_command", options.laz_command);
+  if (!options.carry.empty()) given.emplace_back("carried", valuesInWords(options.carry));
+  if (options.index) given.emplace_back("index", "true");
+  if (!options.crs.empty()) given.emplace_back("crs", options.crs);
   return given;
 }
 

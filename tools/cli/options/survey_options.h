@@ -18,7 +18,18 @@ struct SurveyOptions {
   double time_offset_s = 0, max_gap_s = 0.2;
   std::string match = "auto";
   bool keep_noise = false;
+  std::string crs;
+  bool index = false;
+  std::string carry;  ///< NAME or NAME=COLUMN, with kBetweenValues between several
 };
+
+/// An attribute of the scans, and its column in the results.
+struct CarriedName {
+  std::string in_scans, column;
+};
+[[nodiscard]] std::vector<CarriedName> carriedNames(const SurveyOptions& options);
+/// For every verb that maps scans into files.
+void addCarryOption(FlagParser& flags, SurveyOptions& options);
 
 void addSurveyOptions(FlagParser& flags, SurveyOptions& options);
 /// --max-gap alone, for poses that arrive.

@@ -82,6 +82,8 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"max_gap_s", "--max-gap"},
     {"laz_command", "--laz-command"},
     {"keep_noise", "--keep-noise"},
+    {"crs_wkt", "--crs"},
+    {"ScanInputOptions::index", "--index"},
     {"pose_topic", "--pose-topic"},
     {"fixed_frame", "--fixed-frame"},
     {"T_B_S", "--extrinsic"},

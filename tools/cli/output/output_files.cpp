@@ -15,6 +15,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/program/output_file.h"
 #include "accessvdb/program/path_facts.h"
+#include "accessvdb/program/point_table.h"
 #include "options/tools_given.h"
 
 namespace accessvdb::tools {
@@ -189,6 +190,7 @@ bool isOwn(const fs::path& output) {
     const auto reported = fs::last_write_time(report, error);
     return !error && written <= reported;
   }
+  if (kind == ".csv") return begins(io::kTableBegin);
   if (kind == ".md")
     return has("- command: accessvdb-lab evaluate") || has("- command: accessvdb evaluate") ||
            begins("# Consistency of labels from recorded scans");

@@ -28,6 +28,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kManifest = "state.json";
 constexpr int kManifestSchema = 1;
+/// Among what is said of reading: the coordinate system of the scans.
+constexpr const char* kSystem = "system_sha256";
 constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 28;  // a million scans
 
 /// Reads back as the same number.
@@ -48,8 +50,10 @@ std::map<std::string, std::string> readingOf(const MapOptions& options) {
   for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
   for (const auto& given : givenSensorOptions(options.sensor))
     if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
-  for (const auto& given : givenSurveyOptions(options.survey))
-    if (given.first == "ray" || given.first == "match" || given.first == "max_gap") reading.insert(given);
+  for (const auto& given : givenSurveyOptions(options.survey)) {
+    const std::set<std::string> of_reading = {"ray", "match", "max_gap", "carried", "index", "crs"};
+    if (of_reading.contains(given.first)) reading.insert(given);
+  }
   if (options.survey.keep_noise) reading["keep_noise"] = "true";
   return reading;
 }
@@ -256,6 +260,11 @@ bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
       paths.begin(), paths.end(), [&](const std::string& path) { return known.contains(io::sha256OfFile(path)); }));
   const std::string share = std::to_string(again) + " of " + std::to_string(paths.size()) + " scans";
   if (2 * again > paths.size()) refuse("state.scans", options_.resume, share + " are in it already");
+  const auto before = reading_.find(kSystem);
+  if (before != reading_.end() && !system_.empty() && before->second != system_ && options_.survey.crs.empty()) {
+    throw UnusableInput("scans.frame", options_.resume, "holds scans in another coordinate system than these",
+                        "Reproject these, or say with --crs which one all are in");
+  }
   if (again > 0) messages_.warning("checkpoint.scans_again", share + " are in the checkpoint already");
   return true;
 }
@@ -263,6 +272,12 @@ bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
 std::map<std::string, std::string> Checkpoints::reading() const {
   std::map<std::string, std::string> reading = readingOf(options_);
   for (const auto& [key, value] : read_as_) reading[key] = value;
+  const auto before = reading_.find(kSystem);
+  if (!system_.empty()) {
+    reading[kSystem] = system_;
+  } else if (before != reading_.end()) {
+    reading[kSystem] = before->second;  // of earlier scans
+  }
   return reading;
 }
 
@@ -272,6 +287,7 @@ void Checkpoints::requireSameReading(std::uint64_t steps) const {
   for (const auto& [key, value] : reading) {
     const auto before = reading_.find(key);
     if (before != reading_.end() && before->second == value) continue;
+    if (key == kSystem) continue;  // follows from the files, and was not always noted
     refuse("state.params", options_.resume,
            key + " was \"" + (before == reading_.end() ? "" : before->second) + "\" and is now \"" + value + "\"");
   }

@@ -54,13 +54,16 @@ class Checkpoints {
 
   /// Says how the scans turned out to be read, beside what the options say.
   void readAs(const std::string& key, const std::string& value) { read_as_[key] = value; }
+  /// Says in which coordinate system the scans are.
+  void readIn(const SurveyFrame& frame) { system_ = frame.systemSha256(); }
   /// Where --resume goes on; nothing for a run from the beginning.
   [[nodiscard]] const std::optional<RunProgress>& resumed() const { return resumed_; }
   /// The field of resumed(). @throws UnusableInput "state.params", naming the first difference, "state.tool"
   [[nodiscard]] AccessibilityField load(const std::vector<ToolSpec>& tools, const FieldParams& params) const;
   /// Whether these are other scans than those of resumed(), to be added after them.
   /// @param paths  files of the scans, in order
-  /// @throws UnusableInput "state.scans" if resumed() did not get to the end of its own, or most are in it already
+  /// @throws UnusableInput "state.scans" if resumed() did not get to the end of its own, or most are in it already;
+  /// "scans.frame" if they are in another coordinate system
   [[nodiscard]] bool addsOtherScans(const std::vector<std::string>& paths) const;
   /// Compares how the scans of resumed() were listed with how they are now.
   /// @throws UnusableInput "state.params", "state.scans"
@@ -106,6 +109,7 @@ class Checkpoints {
   [[nodiscard]] std::map<std::string, std::string> reading() const;
 
   std::map<std::string, std::string> read_as_;
+  std::string system_;                          ///< SurveyFrame::systemSha256()
   std::map<std::string, std::string> reading_;  ///< of resumed()
   Clock::time_point last_ = Clock::now();
 };

@@ -13,6 +13,7 @@
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "runs/tile_job.h"
+#include "runs/written_table.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -30,6 +31,7 @@ void MapOutputs::claim() {
     if (options_.exported.points_format == "las") outputs.emplace_back("points.las");
     if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
     if (options_.html) outputs.emplace_back(kPageFile);
+    if (!options_.survey.carry.empty()) outputs.emplace_back(kTableFile);
     if (options_.fresh) outputs.emplace_back("plan.json");
     for (const std::string& file : outputs) {
       if (!io::isTaken(out / file, ErrorCode::Output)) continue;
@@ -60,6 +62,7 @@ Paths MapOutputs::files() const {
   std::vector<std::string> names(std::begin(kOutputs), std::end(kOutputs));
   if (options_.exported.points_format == "las") names.emplace_back("points.las");
   if (options_.html) names.emplace_back(kPageFile);
+  if (!options_.survey.carry.empty()) names.emplace_back(kTableFile);
   std::error_code error;
   if (options_.exported.sequence > 0) {  // some of these will be frames
     for (const auto& entry : fs::directory_iterator(options_.out, error)) {

@@ -16,6 +16,7 @@
 #include "output/output_files.h"
 #include "output/progress.h"
 #include "runs/agreement_check.h"
+#include "runs/first_returns.h"
 #include "runs/memory_check.h"
 
 namespace accessvdb::tools {
@@ -28,10 +29,10 @@ constexpr const char* kNotOfThePlan[] = {
     "out",        "device", "threads", "config",    "quiet",      "error-format",      "max-memory", "tiles",
     "bin-memory", "fresh",  "help",    "keep-rays", "no-clobber", "print-config",      "checkpoint", "checkpoint-every",
     "resume",     "append", "html",    "remove",    "removed-as", "allow-disagreement"};
-constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
+constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations", "crs"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
-constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
-                                        "half",      "compression", "up-axis",   "points-format"};
+constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",      "tool-axis", "tool-up", "half", "compression",
+                                        "up-axis",   "points-format", "carry",     "index",   "crs"};
 /// Flags that say what a flight's scans are.
 constexpr const char* kOfAFlight[] = {
     "scans",       "poses",       "calib",    "pose-format", "sensor-at", "every",      "allow-truncated", "sort-poses",
@@ -148,6 +149,7 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   plan.tile_voxels = chosen_voxels > 0 ? chosen_voxels : edgeBelow(wantedTile_m(sources.options), margins, voxel_m);
   plan.margin_voxels = margins.returns_voxels;
   plan.bin_bytes = binBytes(sources.options);
+  plan.frame = sources.scans.frame();
   plan.flights.push_back(flightOf(sources, settings));
   messages.notice("tiles of " + std::to_string(plan.tile_voxels) + " voxels, " +
                   numberText(plan.tile_voxels * voxel_m) + " m, with a margin of " +
@@ -238,6 +240,14 @@ MapOptions optionsFrom(const fs::path& out, const PlanSettings& settings) {
   return options;
 }
 
+/// All flights carry what the plan says, and are in its coordinate system.
+void readAsPlanned(const MapOptions& planned, MapOptions& flight) {
+  flight.survey.carry = planned.survey.carry;
+  flight.survey.index = planned.survey.index;
+  flight.survey.crs = planned.survey.crs;
+  flight.exported.points_format = planned.exported.points_format;
+}
+
 }  // namespace
 
 OpenJob openJob(const fs::path& out, const MapOptions& options) {
@@ -248,7 +258,10 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   planned.max_memory = options.max_memory;
   planned.out = out.string();
   std::vector<MapOptions> flights;
-  for (const tiles::Flight& flight : plan.flights) flights.push_back(optionsFrom(out, flight.settings));
+  for (const tiles::Flight& flight : plan.flights) {
+    flights.push_back(optionsFrom(out, flight.settings));
+    readAsPlanned(planned, flights.back());
+  }
   std::vector<ToolSpec> specs = loadTools(planned);
   FieldParams params = fieldParams(planned);
   const auto changed = [&](const std::string& what) {
@@ -262,6 +275,7 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   if (plan.parameters != describeTools(specs, params) + textOf(settings, kOfTheResult)) {
     changed("was planned with other parameters");
   }
+  addFirstReturns(plan.frame, params);
   params.mirror_distance = false;  // only for kernels of a live map; takes memory that the prediction does not count
   tiles::Job job = {out, std::move(plan), specs, std::move(params)};
   return {std::move(planned), std::move(flights), std::move(specs), std::move(job)};
@@ -277,8 +291,15 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
   }
   std::erase_if(settings,
                 [](const auto& setting) { return !isIn(kOfAFlight, setting.first) && setting.first != "deskew"; });
-  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  MapOptions of_flight = options;
+  readAsPlanned(open.options, of_flight);
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(of_flight));
   sayAboutScans(scans, messages);
+  const std::string planned = open.job.plan.frame.systemSha256(), added = scans.frame().systemSha256();
+  if (!planned.empty() && !added.empty() && planned != added) {
+    throw UnusableInput("scans.frame", options.scans, "says another coordinate system than the plan's scans",
+                        "Reproject it, or plan all flights with --crs");
+  }
   static_cast<void>(checkAgreement(options, open.job.params.tsdf.range_noise_m, scans, messages));
   const PlanSources sources = {options, settings, open.tools, scans, open.job.params};
   tiles::Plan& plan = open.job.plan;

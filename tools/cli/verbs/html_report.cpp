@@ -56,6 +56,9 @@ void writePage(const PageSources& sources, Messages& messages) {
   options.tool = sources.tool;
   options.tool_file = sources.tool_file;
   options.allow_changed = sources.allow_changed;
+  options.title = sources.title;
+  options.client = sources.client;
+  options.site = sources.site;
   if (sources.most_points > 0) options.most_points = sources.most_points;
   const io::HtmlReport page = io::writeHtmlReport(sources.html, sources.folder, options);
   for (const auto& [id, text] : page.warnings) messages.warning(id, text);
@@ -77,16 +80,23 @@ int runReport(const Arguments& arguments, Messages& messages) {
   bool allow_changed = false;
   std::uint64_t most_points = io::HtmlReportOptions().most_points;
   FlagParser flags;
-  flags.describe("report",
-                 "Writes a field as one HTML file that opens in any browser, without a network: points by reason, what "
-                 "to do about it, the tool in place.",
-                 "accessvdb report --map out/ --out report.html\n"
-                 "  accessvdb report --map out/ --tool pruner.stl --out report.html");
+  flags.describe(
+      "report",
+      "Writes a field as one HTML file that opens in any browser, without a network: points by reason, what "
+      "to do about it, the tool in place.",
+      "accessvdb report --map out/ --out report.html\n"
+      "  accessvdb report --map out/ --tool pruner.stl --out report.html\n"
+      "  accessvdb report --map out/ --title \"Pruning plan\" --client \"City of X\" --site \"Oak Lane\" --out "
+      "report.html");
   addCommonOptions(flags, common);
   flags.option("--map", &map, "output folder of accessvdb map");
   flags.option("--out", &out, "the HTML file to write");
   flags.option("--max-points", &most_points,
                "draw at most so many points; one per cube and reason where there are more");
+  PageSources sources;
+  flags.option("--title", &sources.title, "what the page is called; default: the folder's name");
+  flags.option("--client", &sources.client, "for whom it is");
+  flags.option("--site", &sources.site, "of which place");
   addToolOptions(flags, tool_options);
   addAllowChanged(flags, allow_changed);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
@@ -109,7 +119,6 @@ int runReport(const Arguments& arguments, Messages& messages) {
   } else {
     messages.notice("no tool in the page: name the run's tool with --tool to see it in place");
   }
-  PageSources sources;
   sources.html = out;
   sources.folder = map;
   sources.tool = tool ? &*tool : nullptr;

@@ -26,6 +26,7 @@
 #include "output/stop_signal.h"
 #include "runs/agreement_check.h"
 #include "runs/checkpoint.h"
+#include "runs/first_returns.h"
 #include "runs/gpu_fallback.h"
 #include "runs/map_outputs.h"
 #include "runs/map_parameters.h"
@@ -34,6 +35,7 @@
 #include "runs/scan_stamps.h"
 #include "runs/tile_job.h"
 #include "runs/tiled_map.h"
+#include "runs/written_table.h"
 #include "verbs/html_report.h"
 #include "verbs/verbs.h"
 
@@ -75,7 +77,7 @@ class MapRun {
   bool removeRegions(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
-  void writeHtml(const std::vector<ToolSpec>& tools);
+  void writeViews(const std::vector<ToolSpec>& tools);
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
 
   const MapOptions& options_;
@@ -110,8 +112,10 @@ void MapRun::countLeftOut(const io::ScanRecord& record) {
 }
 
 void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
-  const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S, stamp_s)
-                                                   : field.integrateRays(record.points_W, record.origins_W, stamp_s);
+  const std::vector<std::int32_t> attributes = io::attributesFor(record, field.params().carry.size());
+  const FrameStats stats = record.points_W.empty()
+                               ? field.integrateScan(record.points_S, record.T_W_S, stamp_s, attributes)
+                               : field.integrateRays(record.points_W, record.origins_W, stamp_s, attributes);
   report_.add(stats);
   report_.integrate.add(stats.integrate_ms);
   report_.mirror.add(stats.mirror_ms);
@@ -262,7 +266,9 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
                       std::to_string(truncated_points_) + " points announced by the files are missing");
   }
 
-  writeField(field, out, writeOptions(options_.exported));
+  io::WriteOptions files = writeOptions(options_.exported);
+  files.frame = scans.frame();
+  writeField(field, out, files);
   written_ = true;
   addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
   io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
@@ -299,7 +305,9 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
   try {
     const auto points = field.unscoredPoints();
     static_cast<void>(countPoints(report_, field.memoryUse(), *points));
-    writeFieldUnscored(field, out, writeOptions(options_.exported));
+    io::WriteOptions files = writeOptions(options_.exported);
+    files.frame = scans.frame();
+    writeFieldUnscored(field, out, files);
     addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
     io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
     addOutputs(report_.outputs, out, {"preview.png"});
@@ -335,8 +343,10 @@ int MapRun::run() {
   outputs_.clear(inputsWith(options_, scans));
   sayAboutScans(scans, messages_);
   if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
+  checkpoints_.readIn(scans.frame());
 
-  const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
+  FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
+  addFirstReturns(scans.frame(), params);
   FieldParams of_field = params;  // a plan has them as they were given
   of_field.approach.rolls = rollsOf(tools.front().tool, params.approach);
   report_.parameters = reportedParameters(options_, of_field, tools);
@@ -377,12 +387,17 @@ int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
-  if (report_.tiles) writeHtml(sources.tools);
+  if (report_.tiles) writeViews(sources.tools);
   return exit_code;
 }
 
-/// After report.json, which it shows.
-void MapRun::writeHtml(const std::vector<ToolSpec>& tools) {
+/// What is made from the files of the result, after report.json, which the page shows.
+void MapRun::writeViews(const std::vector<ToolSpec>& tools) {
+  if (!options_.survey.carry.empty()) {
+    writeTable(options_.out, messages_);
+  } else if (const fs::path table = fs::path(options_.out) / kTableFile; io::isThere(table)) {
+    messages_.warning("output.old_table", table.string() + " is from an earlier run; --carry writes a new one");
+  }
   PageSources sources;
   sources.html = fs::path(options_.out) / kPageFile;
   if (!options_.html) {
@@ -416,7 +431,7 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   }
   report_.exit_code = signal == 0 ? 0 : 128 + signal;
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
-  if (report_.points_used > 0) writeHtml(field.tools());
+  if (report_.points_used > 0) writeViews(field.tools());
   return report_.exit_code;
 }
 

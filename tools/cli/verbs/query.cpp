@@ -14,6 +14,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/output_check.h"
+#include "accessvdb/program/point_table.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "options/command_line.h"
@@ -133,6 +134,8 @@ Json jsonAnswer(const tiles::StoredAnswer& stored, const std::vector<std::string
       json["point"]["tools"] = thoseThatReach(point, tools);
     }
     if (stored.tile) json["point"]["tile"] = stored.tile->name();
+    for (const auto& [name, value] : answer.attributes)
+      json["point"]["attributes"][name] = value == kNoAttribute ? Json(nullptr) : Json(value);
   }
   return json;
 }
@@ -156,6 +159,8 @@ std::string wordsOf(const tiles::StoredAnswer& stored, const std::vector<std::st
     for (const std::string& name : thoseThatReach(point, tools)) reach += " " + name;
     text += "  tool " + tools[point.tool] + "; reached by" + (reach.empty() ? " none" : reach) + "\n";
   }
+  for (const auto& [name, value] : answer.attributes)
+    text += "  " + name + " " + (value == kNoAttribute ? "-" : std::to_string(value)) + "\n";
   if (point.direction == kNoDirection) return text + "  no best direction\n";
   std::snprintf(line, sizeof line, "  best direction %.4f %.4f %.4f, yaw %.1f degrees\n", point.direction_W.x(),
                 point.direction_W.y(), point.direction_W.z(), yawDegrees(point));
@@ -177,12 +182,16 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   bool json = false;
   FlagParser flags;
   flags.describe("query", "Prints label, reason, best direction, score, confidence and distance at points.",
-                 "accessvdb query --map out/ --at 1.2,-0.4,0.9 --json");
+                 "accessvdb query --map out/ --at 1.2,-0.4,0.9 --json\n"
+                 "  accessvdb query --map out/ --table > table.csv");
   addCommonOptions(flags, common);
   flags.option("--map", &map, "output folder of accessvdb map");
   flags.list("--at", at, "X,Y,Z in the world frame, metres; may be repeated");
   flags.option("--points", &points_file, "text file, one \"x y z\" or \"x,y,z\" per line");
   flags.flag("--json", json, "answer as a JSON array");
+  bool table = false;
+  flags.flag("--table", table,
+             "print points, square metres and reasons of the map, for each value of what --carry brought, as CSV");
   bool allow_changed = false;
   addAllowChanged(flags, allow_changed);
   AccessMapOptions access;
@@ -199,8 +208,17 @@ int runQuery(const Arguments& arguments, Messages& messages) {
 
   if (map.empty())
     throw InvalidArgument("usage.missing", "--map", "is missing", "Name the output folder of accessvdb map");
+  if (table) {
+    if (!at.empty() || !points_file.empty() || json || !access.picture.empty())
+      throw InvalidArgument("usage.table", "--table", "is of the whole map, as CSV", "Give --map and --table alone");
+    io::OutputCheck check(allow_changed);
+    const std::string text = io::csvOf(io::pointTable(map, check));
+    sayFindings(check, messages);
+    printData(text);
+    return 0;
+  }
   if (at.empty() == points_file.empty()) {
-    throw InvalidArgument("usage.missing", "query", "needs either --at X,Y,Z or --points FILE",
+    throw InvalidArgument("usage.missing", "query", "needs --at X,Y,Z, --points FILE or --table",
                           "See accessvdb query --help");
   }
   std::vector<Eigen::Vector3d> positions_W;

@@ -18,6 +18,7 @@
 #include "output/report.h"
 #include "output/stop_signal.h"
 #include "runs/agreement_check.h"
+#include "runs/first_returns.h"
 #include "runs/memory_check.h"
 #include "runs/tile_job.h"
 #include "runs/tile_requests.h"
@@ -113,7 +114,8 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   io::prepareOutputFolder(options.out);
   if (options.fresh) tiles::removePlan(options.out);
   sayAboutScans(scans, messages);
-  const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
+  FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
+  addFirstReturns(scans.frame(), params);
   if (const auto reason = whyNotInTiles(options, params)) {
     throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave that option out");
   }

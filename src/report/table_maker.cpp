@@ -1,0 +1,148 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "report/table_maker.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <utility>
+
+#include "accessvdb/output_check.h"
+#include "report/field_folder.h"
+#include "report/surface_area.h"
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr double kFine_m = 0.01;
+
+int decimalsOf(double voxel_size_m) { return voxel_size_m < kFine_m ? 12 : 9; }
+double stepsPer_m2(double voxel_size_m) { return voxel_size_m < kFine_m ? 1e12 : 1e9; }
+
+void addPoint(const SurfacePoint& point, std::uint64_t steps, io::PointRow& row) {
+  ++row.points[static_cast<std::size_t>(point.label)];
+  row.area[static_cast<std::size_t>(point.reason)].steps += steps;
+  if (point.label == PointLabel::Unscored) row.unscored.steps += steps;
+  if (point.score != kNoScore) {
+    row.score_sum += point.score;
+    ++row.scored;
+  }
+  row.box_W.extend(point.position_W);
+}
+
+/// Shortest text that reads back as the same number.
+std::string numberText(double value) {
+  std::array<char, 40> text;
+  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
+}
+
+std::string fixedText(double value, int decimals) {
+  std::array<char, 64> text;
+  return {text.data(),
+          std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed, decimals).ptr};
+}
+
+}  // namespace
+
+TableMaker::TableMaker(double voxel_size_m, std::vector<std::string> attributes)
+    : voxel_size_m_(voxel_size_m), names_(std::move(attributes)), rows_(names_.size()) {}
+
+std::uint64_t TableMaker::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
+  const double area_m2 = areaOfPoint_m2(point.normal_W, voxel_size_m_);
+  const auto steps = static_cast<std::uint64_t>(std::llround(area_m2 * stepsPer_m2(voxel_size_m_)));
+  addPoint(point, steps, whole_);
+  for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, rows_[c][carried[c]]);
+  return steps;
+}
+
+io::PointTable TableMaker::finish() const {
+  io::PointTable table = {voxel_size_m_, {whole_}};
+  for (std::size_t c = 0; c < rows_.size(); ++c) {
+    std::vector<std::int32_t> ids;
+    for (const auto& [id, row] : rows_[c]) ids.push_back(id);
+    // Points without one come last.
+    std::sort(ids.begin(), ids.end(), [](std::int32_t a, std::int32_t b) {
+      return a == kNoAttribute || b == kNoAttribute ? a != kNoAttribute && b == kNoAttribute : a < b;
+    });
+    for (const std::int32_t id : ids) {
+      io::PointRow& row = table.rows.emplace_back(rows_[c].at(id));
+      row.attribute = names_[c];
+      if (id != kNoAttribute) row.id = id;
+    }
+  }
+  return table;
+}
+
+}  // namespace accessvdb::internal
+
+namespace accessvdb::io {
+
+double ExactArea::m2(double voxel_size_m) const {
+  return static_cast<double>(steps) / internal::stepsPer_m2(voxel_size_m);
+}
+
+std::string ExactArea::text(double voxel_size_m) const {
+  const auto decimals = static_cast<std::size_t>(internal::decimalsOf(voxel_size_m));
+  std::string digits = std::to_string(steps);
+  if (digits.size() <= decimals) digits.insert(0, decimals + 1 - digits.size(), '0');
+  digits.insert(digits.size() - decimals, 1, '.');
+  digits.erase(digits.find_last_not_of('0') + 1);
+  if (digits.back() == '.') digits.pop_back();
+  return digits;
+}
+
+std::uint64_t PointRow::allPoints() const { return points[0] + points[1] + points[2]; }
+
+ExactArea PointRow::allArea() const {
+  ExactArea all;
+  for (const ExactArea& part : area) all.steps += part.steps;
+  return all;
+}
+
+PointTable pointTable(const std::filesystem::path& path, OutputCheck& check) {
+  return readChecked(check, [&] {
+    const internal::FieldFolder folder = internal::FieldFolder::open(path, check);
+    internal::TableMaker maker(folder.voxel_size_m, folder.attributes);
+    folder.visit([&](const internal::PointFile&, const SurfacePoint& point, std::span<const std::int32_t> carried) {
+      maker.add(point, carried);
+      return true;
+    });
+    return maker.finish();
+  });
+}
+
+std::string csvOf(const PointTable& table) {
+  const double v = table.voxel_size_m;
+  std::string text = kTableBegin;
+  text += "blocked_m2,unscored_m2";
+  for (int n = 1; n < kNumPointReasons; ++n) text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
+  text += ",mean_score,min_x,min_y,min_z,max_x,max_y,max_z,height_m,extent_m\n";
+  const auto put = [&text](const std::string& cell) { text.append(",").append(cell); };
+  for (const PointRow& row : table.rows) {
+    const ExactArea all = row.allArea(), accessible = row.area[static_cast<std::size_t>(PointReason::None)];
+    const ExactArea blocked = {all.steps - accessible.steps - row.unscored.steps};
+    const double share = all.steps == 0 ? 0 : static_cast<double>(accessible.steps) / static_cast<double>(all.steps);
+    text += row.attribute.empty() ? "all" : row.attribute;
+    put(row.id ? std::to_string(*row.id) : "");
+    put(std::to_string(row.allPoints()));
+    put(all.text(v));
+    put(accessible.text(v));
+    put(internal::fixedText(share, 6));
+    put(blocked.text(v));
+    put(row.unscored.text(v));
+    for (int n = 1; n < kNumPointReasons; ++n) put(row.area[static_cast<std::size_t>(n)].text(v));
+    const auto scored = static_cast<double>(row.scored);
+    put(row.scored > 0 ? internal::fixedText(static_cast<double>(row.score_sum) / scored, 3) : "");
+    const bool empty = row.box_W.isEmpty();
+    for (int n = 0; n < 3; ++n) put(empty ? "" : internal::numberText(row.box_W.min()[n]));
+    for (int n = 0; n < 3; ++n) put(empty ? "" : internal::numberText(row.box_W.max()[n]));
+    const Eigen::Vector3d size_m = empty ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(row.box_W.sizes());
+    put(internal::fixedText(size_m.z(), 3));
+    put(internal::fixedText(size_m.head<2>().maxCoeff(), 3));
+    text += "\n";
+  }
+  return text;
+}
+
+}  // namespace accessvdb::io

@@ -1,0 +1,310 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// points.las comes back in the frame that went in: its coordinate system, date, times and classes, read by a program
+/// of others (npm: copc) and by a reader here; and rows that say where they are from.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <sstream>
+
+#include "large/tiled_test.h"
+#include "support/bytes.h"
+#include "survey/survey_world.h"
+
+namespace accessvdb::survey_test {
+namespace {
+
+using large_test::Flags;
+using test::put;
+
+const std::string kDatum =
+    "GEOGCS[\"NAD83\",DATUM[\"North_American_Datum_1983\",SPHEROID[\"GRS 1980\",6378137,298.257222101]],"
+    "PRIMEM[\"Greenwich\",0],UNIT[\"degree\",0.0174532925199433]],PROJECTION[\"Transverse_Mercator\"],"
+    "PARAMETER[\"latitude_of_origin\",0],PARAMETER[\"central_meridian\",-111],PARAMETER[\"scale_factor\",0.9996],"
+    "PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\",0],";
+const std::string kMetres = "PROJCS[\"NAD83 / UTM zone 12N\"," + kDatum + "UNIT[\"metre\",1]]";
+const std::string kFeet =
+    "PROJCS[\"NAD83 / UTM zone 12N (ftUS)\"," + kDatum + "UNIT[\"US survey foot\",0.304800609601219]]";
+
+/// A wall of 2 m x 2 m, 3 m east of the scanner, in survey coordinates.
+struct Cloud {
+  double unit_m = 1;
+  std::string wkt = kMetres;
+  int keys_epsg = 0;  ///< instead of the WKT
+  static constexpr int kSide = 70;
+  static constexpr double kEast = 470627.5, kNorth = 3810222.25, kUp = 2278;
+
+  [[nodiscard]] static double time(int n) { return 3.0e8 + n * 0.125 + 1e-6 * n; }
+  [[nodiscard]] static int classOf(int n) { return n % 3 == 0 ? 5 : n % 3 == 1 ? 2 : 200; }
+  [[nodiscard]] static double at(int n, int axis) {
+    return axis == 0   ? kEast + 3 + 0.001 * (n % 7)
+           : axis == 1 ? kNorth + 0.03 * (n % kSide) - 1
+                       : kUp + 0.03 * (n / kSide) - 1;
+  }
+  [[nodiscard]] std::string bytes() const {
+    std::string records;
+    const auto record = [&records](const std::string& user, int id, const std::string& body) {
+      const std::size_t begin = records.size();
+      records.append(2, '\0');
+      records += user;
+      records.resize(begin + 18, '\0');
+      put(records, static_cast<std::uint16_t>(id));
+      put(records, static_cast<std::uint16_t>(body.size()));
+      records.resize(begin + 54, '\0');
+      records += body;
+    };
+    if (!wkt.empty()) record("LASF_Projection", 2112, wkt + '\0');
+    if (keys_epsg != 0) {
+      std::string keys;
+      for (const int n : {1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, keys_epsg}) put(keys, static_cast<std::uint16_t>(n));
+      record("LASF_Projection", 34735, keys);
+    }
+    std::string extra(2, '\0');
+    extra += '\6';
+    extra += '\0';
+    extra += "tree_id";
+    extra.resize(192, '\0');
+    record("LASF_Spec", 4, extra);
+    std::string file("LASF", 4);
+    file.resize(6, '\0');
+    put(file, static_cast<std::uint16_t>(wkt.empty() ? 1 : 1 | 16));  // adjusted GPS time; WKT
+    file.resize(24, '\0');
+    file += "\1\4";
+    file.resize(90, '\0');
+    put(file, std::uint16_t{213});
+    put(file, std::uint16_t{2024});
+    put(file, std::uint16_t{375});
+    put(file, static_cast<std::uint32_t>(375 + records.size()));
+    put(file, static_cast<std::uint32_t>((wkt.empty() ? 0 : 1) + (keys_epsg != 0 ? 1 : 0) + 1));
+    file += '\6';
+    put(file, std::uint16_t{34});
+    file.resize(131, '\0');
+    for (int axis = 0; axis < 3; ++axis) put(file, 0.0001);
+    const double offset[] = {std::floor(kEast / unit_m), std::floor(kNorth / unit_m), 0};
+    for (const double o : offset) put(file, o);
+    for (int axis = 0; axis < 3; ++axis) {
+      put(file, 2e7);
+      put(file, -2e7);
+    }
+    file.resize(247, '\0');
+    put(file, std::uint64_t{kSide * kSide});
+    file.resize(375, '\0');
+    file += records;
+    for (int n = 0; n < kSide * kSide; ++n) {
+      for (int axis = 0; axis < 3; ++axis) {
+        put(file, static_cast<std::int32_t>(std::llround((at(n, axis) / unit_m - offset[axis]) / 0.0001)));
+      }
+      file.append(2, '\0');
+      file += '\x11';
+      file += '\0';
+      file += static_cast<char>(classOf(n));
+      file.append(5, '\0');
+      put(file, time(n));
+      put(file, std::int32_t{n % kSide < 30 ? 4 : 9});
+    }
+    return file;
+  }
+};
+
+class Frame : public large_test::TiledTest {
+ protected:
+  void use(const Cloud& cloud) {
+    writeText("plot.las", cloud.bytes());
+    char at[100];
+    std::snprintf(at, sizeof at, "%.6f,%.6f,%.6f", Cloud::kEast / cloud.unit_m, Cloud::kNorth / cloud.unit_m,
+                  Cloud::kUp / cloud.unit_m);
+    scans_ = {"--scans", path("plot.las"), "--sensor-at", at, "--points-format", "las"};
+  }
+  [[nodiscard]] std::string las(const std::string& name = "out/points.las") const { return readText(name); }
+  template <typename T>
+  static T at(const std::string& bytes, std::size_t offset) {
+    T value = {};
+    EXPECT_LE(offset + sizeof value, bytes.size());
+    if (offset + sizeof value <= bytes.size()) std::memcpy(&value, bytes.data() + offset, sizeof value);
+    return value;
+  }
+  /// The body of a record in front of the points; empty if there is none.
+  static std::string record(const std::string& file, const std::string& user, int id) {
+    std::size_t begin = at<std::uint16_t>(file, 94);
+    for (std::uint32_t n = 0; n < at<std::uint32_t>(file, 100); ++n) {
+      const std::size_t bytes = at<std::uint16_t>(file, begin + 20);
+      if (std::string(file.c_str() + begin + 2) == user && at<std::uint16_t>(file, begin + 18) == id) {
+        return file.substr(begin + 54, bytes);
+      }
+      begin += 54 + bytes;
+    }
+    EXPECT_EQ(begin, at<std::uint32_t>(file, 96));
+    return {};
+  }
+  static double coordinate(const std::string& file, std::size_t n, int axis) {
+    const std::size_t point = at<std::uint32_t>(file, 96) + n * at<std::uint16_t>(file, 105);
+    return at<std::int32_t>(file, point + 4 * static_cast<std::size_t>(axis)) *
+               at<double>(file, 131 + 8 * static_cast<std::size_t>(axis)) +
+           at<double>(file, 155 + 8 * static_cast<std::size_t>(axis));
+  }
+};
+
+TEST_F(Frame, SystemDateTimesClassesAndTreesComeBack) {
+  use({});
+  succeed(map({"--tiles", "off", "--carry", "tree_id", "--index"}));
+  const Ply points(readText("out/points.ply"));
+  const char* folder = std::getenv("ACCESSVDB_COPC");
+  const std::string copc = folder != nullptr ? folder : ACCESSVDB_SOURCE_DIR "/build/npm/node_modules/copc";
+  if (!std::filesystem::exists(copc) || std::system("node --version > /dev/null 2>&1") != 0) {
+    GTEST_SKIP() << "node or the npm package copc is missing: tools/setup_debian.sh --tests";
+  }
+  const std::string command = "node " ACCESSVDB_SOURCE_DIR "/tests/survey/las_to_text.mjs '" + copc + "' '" +
+                              path("out/points.las") + "' X Y Z GpsTime Classification tree_id scan index label > '" +
+                              path("las.txt") + "'";
+  ASSERT_EQ(std::system(command.c_str()), 0);
+  std::istringstream lines(readText("las.txt"));
+  std::string line;
+  ASSERT_TRUE(std::getline(lines, line));
+  EXPECT_EQ(line, "count " + std::to_string(points.rows));
+  ASSERT_TRUE(std::getline(lines, line));
+  EXPECT_EQ(line, "date 2024 213");
+  ASSERT_TRUE(std::getline(lines, line));
+  EXPECT_EQ(line, "encoding 17");  // adjusted GPS time, WKT
+  ASSERT_TRUE(std::getline(lines, line));
+  EXPECT_EQ(line, "wkt " + kMetres);
+  for (std::size_t n = 0; n < points.rows; ++n) {
+    double x = 0, y = 0, z = 0, time = 0, point_class = 0, tree = 0, scan = 0, index = 0, label = 0;
+    ASSERT_TRUE(lines >> x >> y >> z >> time >> point_class >> tree >> scan >> index >> label);
+    // The row that it names is the return whose position it has, in steps of 0.1 mm; so are time and class.
+    const int row = static_cast<int>(index);
+    const double p[] = {x, y, z};
+    for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(p[axis], Cloud::at(row, axis), 1.01e-4) << n;
+    EXPECT_EQ(time, Cloud::time(row));
+    EXPECT_EQ(point_class, Cloud::classOf(row));
+    EXPECT_EQ(scan, 0);
+    EXPECT_EQ(tree, points.column.at("tree_id")[n]);
+    EXPECT_EQ(index, points.column.at("index")[n]);
+    EXPECT_EQ(label, points.column.at("label")[n]);
+    if (HasFailure()) return;
+  }
+}
+
+/// Numbers are in the unit that the system says.
+TEST_F(Frame, FeetGoBackToFeet) {
+  Cloud cloud;
+  cloud.unit_m = 1200.0 / 3937;
+  cloud.wkt = kFeet;
+  use(cloud);
+  succeed(map({"--tiles", "off"}));
+  const Ply points(readText("out/points.ply"));  // metres
+  const std::string file = las();
+  EXPECT_EQ(record(file, "LASF_Projection", 2112), kFeet + '\0');
+  const char* const axes[] = {"x", "y", "z"};
+  for (std::size_t n = 0; n < points.rows; ++n) {
+    for (int axis = 0; axis < 3; ++axis) {
+      // Steps of 0.0003 feet: half of one is 0.046 mm.
+      EXPECT_NEAR(coordinate(file, n, axis) * cloud.unit_m, points.column.at(axes[axis])[n], 5e-5);
+    }
+    if (HasFailure()) return;
+  }
+  EXPECT_NEAR(at<double>(file, 179) * cloud.unit_m, Cloud::kEast + 3.006, 1e-3);
+}
+
+TEST_F(Frame, GeoKeysComeBackAsTheyWere) {
+  Cloud cloud;
+  cloud.wkt.clear();
+  cloud.keys_epsg = 26912;
+  use(cloud);
+  succeed(map({"--tiles", "off"}));
+  EXPECT_EQ(record(las(), "LASF_Projection", 34735), record(readText("plot.las"), "LASF_Projection", 34735));
+  EXPECT_EQ(at<std::uint16_t>(las(), 6), 1);  // GeoKeys count
+}
+
+TEST_F(Frame, TilesAndAStopGiveTheSameFile) {
+  use({});
+  succeed(map({"--tiles", "off", "--checkpoint", path("state")}, "straight"));
+  succeed(map({"--tiles", "off", "--resume", path("state")}, "again"));
+  expectSameFiles("again/points.las", "straight/points.las");
+  succeed(map({"--tiles", "6.4"}));
+  succeed(step("merge", {"--points", path("all.las")}));
+  expectSameFiles("all.las", "straight/points.las");
+  // A checkpoint of a run without points.las goes on, too; what it did not keep is not there.
+  scans_.resize(scans_.size() - 2);
+  succeed(map({"--tiles", "off", "--checkpoint", path("plain")}, "plain_out"));
+  succeed(map({"--tiles", "off", "--resume", path("plain"), "--points-format", "las"}, "later"));
+  EXPECT_EQ(readText("later/points.ply"), readText("plain_out/points.ply"));
+}
+
+/// PROJ itself says what the text in the file means.
+TEST_F(Frame, ACodeIsWhatProjKnows) {
+  if (std::system("projinfo EPSG:26912 > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "projinfo is missing: apt install proj-bin";
+  Cloud cloud;
+  cloud.wkt.clear();
+  use(cloud);
+  succeed(map({"--tiles", "off", "--crs", "EPSG:26912"}));
+  const std::string wkt = record(las(), "LASF_Projection", 2112);
+  ASSERT_GT(wkt.size(), 100u);
+  writeText("found.wkt", wkt.substr(0, wkt.size() - 1));
+  const auto meaning = [&](const std::string& system) {
+    const std::string to = path("meaning.txt");
+    EXPECT_EQ(std::system(("projinfo -q -o PROJ '" + system + "' > '" + to + "'").c_str()), 0) << system;
+    return readText("meaning.txt");
+  };
+  EXPECT_EQ(meaning("@" + path("found.wkt")), meaning("EPSG:26912"));
+  EXPECT_NE(meaning("EPSG:26912"), meaning("EPSG:32612"));  // so that it can tell them apart
+}
+
+TEST_F(Frame, WhatContradictsIsRefused) {
+  use({});
+  Cloud other;
+  other.wkt = std::string(kMetres).replace(kMetres.find("1983\""), 4, "1927");
+  writeText("plots/a.las", Cloud().bytes());
+  writeText("plots/b.las", other.bytes());
+  writeText("stations.txt", "a.las 470627.5 3810222.25 2278\nb.las 470627.5 3810222.25 2278\n");
+  scans_ = {"--scans", path("plots"), "--stations", path("stations.txt"), "--points-format", "las"};
+  EXPECT_NE(refuse(map({"--tiles", "off"}), 4, "scans.frame").find("b.las"), std::string::npos);
+  // Unless it is said which one both are in.
+  writeText("frame.wkt", kMetres + "\n");
+  succeed(map({"--tiles", "off", "--crs", path("frame.wkt")}));
+  EXPECT_EQ(record(las(), "LASF_Projection", 2112), kMetres + '\0');
+  writeText("degrees.wkt",
+            "GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563]],"
+            "PRIMEM[\"Greenwich\",0],UNIT[\"degree\",0.0174532925199433]]");
+  refuse(map({"--tiles", "off", "--crs", path("degrees.wkt")}), 3, "input.geographic");
+  writeText("words.wkt", "UTM zone 12\n");
+  refuse(map({"--tiles", "off", "--crs", path("words.wkt")}), 3, "las.crs");
+  refuse(map({"--tiles", "off", "--crs", "EPSG:0"}), 3, "las.crs");
+  scans_ = {"--scans", path("plot.las"), "--sensor-at", "0,0,0", "--crs", path("frame.wkt")};
+  refuse(map({"--tiles", "off"}), 2, "usage.crs");
+}
+
+/// Scans that come later: in the same frame, in none, or in another one, which would be some metres off.
+TEST_F(Frame, LaterScansAreInTheSameOne) {
+  use({});
+  Cloud other;
+  other.wkt = std::string(kMetres).replace(kMetres.find("1983\""), 4, "1927");
+  writeText("other.las", other.bytes());
+  // A ray cloud knows of no frame, nor of classes and times.
+  writeText("rays.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n"
+            "property double nx\nproperty double ny\nproperty double nz\nend_header\n"
+            "470624.5 3810222.25 2278 3 0 0\n");
+  const Flags from = {"--sensor-at", scans_[3]};
+  succeed(plan({"--tiles", "6.4"}));
+  refuse(plus({"tile", "plan", path("out"), "--append", "--scans", path("other.las")}, from), 4, "scans.frame");
+  succeed({"tile", "plan", path("out"), "--append", "--scans", path("rays.ply")});
+  succeed(step("bin"));
+  succeed(step("run"));
+  succeed(step("merge", {"--points", path("all.las")}));
+  EXPECT_EQ(record(las("all.las"), "LASF_Projection", 2112), kMetres + '\0');
+  // The same by resuming.
+  succeed(map({"--tiles", "off", "--checkpoint", path("state")}, "first"));
+  scans_ = plus({"--scans", path("other.las"), "--points-format", "las"}, from);
+  refuse(map({"--tiles", "off", "--resume", path("state")}, "second"), 4, "scans.frame");
+  writeText("frame.wkt", kMetres);
+  succeed(map({"--tiles", "off", "--resume", path("state"), "--crs", path("frame.wkt")}, "second"));
+}
+
+}  // namespace
+}  // namespace accessvdb::survey_test
