@@ -22,6 +22,7 @@
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/table_progress.h"
+#include "accessvdb/tiles.h"
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/types.h"
 #include "accessvdb/write_options.h"
@@ -54,6 +55,15 @@ struct RollingStatus {
   std::vector<std::string> lost_tiles;  ///< whose saved state was damaged: all their points are unscored, for good
 };
 
+/// What the folder of RollingField::write() says of where its scans came from.
+struct RollingSource {
+  std::string parameters;             ///< Plan::parameters, beside those of the field
+  tiles::Flight flight;               ///< without stamps: the field's own
+  std::vector<io::InputFile> inputs;  ///< files with their hashes
+  SurveyFrame frame = {};             ///< of points.las
+  std::uint64_t truncated_points = 0;
+};
+
 /// For one thread at a time, as a field. After a step that failed half-way it answers nothing any more.
 class ACCESSVDB_API RollingField {
  public:
@@ -72,8 +82,12 @@ class ACCESSVDB_API RollingField {
   /// @throws InputError "rolling.missing" (there is none), "rolling.damaged"; UnusableInput "rolling.changed"
   [[nodiscard]] static RollingField resume(std::vector<ToolSpec> tools, const FieldParams& params,
                                            RollingOptions options, const TableProgress& progress = {});
-  /// Saves what changed since the last one, whole or not at all. The tiles in memory stay there. @throws OutputError
-  void checkpoint();
+  /// Saves what changed since the last one, whole or not at all. The tiles in memory stay there.
+  /// @param note  kept with it: what the caller has to know to go on, such as which files it has read
+  /// @throws OutputError
+  void checkpoint(const std::string& note = {});
+  /// Of the last checkpoint; empty if there is none.
+  [[nodiscard]] const std::string& note() const;
 
   /// As AccessibilityField's. @throws also OutputError where a tile cannot be saved: then nothing has changed
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
@@ -92,8 +106,9 @@ class ACCESSVDB_API RollingField {
   [[nodiscard]] Eigen::Vector3d origin_W() const;   ///< of the local frame; set by the first scan
 
   /// Updates, and makes a folder like that of `map --tiles`: tiles/NAME/, plan.json and field.json, for
-  /// tiles::mergePoints() and whatever reads such a folder. @throws OutputError "output.foreign"
-  void write(const std::filesystem::path& out, const io::WriteOptions& files = {});
+  /// `tile merge` and whatever reads such a folder. @return its tiles @throws OutputError "output.foreign"
+  std::vector<tiles::Tile> write(const std::filesystem::path& out, const io::WriteOptions& files = {},
+                                 const RollingSource& source = {});
 
  private:
   RollingField();

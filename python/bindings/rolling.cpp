@@ -121,8 +121,13 @@ void bindRolling(py::module_& module) {
           "All points, also those of tiles that are not in memory.")
       .def("status", &rollingStatus, "Tiles, memory, and what did not fit: a dict.")
       .def(
-          "checkpoint", [](R& field) { field.run([](RollingField& f) { f.checkpoint(); }); },
-          "Saves what changed since the last one: resume goes on from here.")
+          "checkpoint",
+          [](R& field, const std::string& note) { field.run([&](RollingField& f) { f.checkpoint(note); }); },
+          py::arg("note") = "",
+          "Saves what changed since the last one: resume goes on from here. note: kept with it, for you.")
+      .def_property_readonly(
+          "note", [](R& field) { return field.run([](const RollingField& f) { return f.note(); }); },
+          "Of the last checkpoint; empty if there is none.")
       .def(
           "write",
           [](R& field, const std::filesystem::path& folder) { field.run([&](RollingField& f) { f.write(folder); }); },

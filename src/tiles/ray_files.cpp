@@ -90,6 +90,32 @@ std::vector<ShardRange> missingShards(const fs::path& out, const Plan& plan) {
   return missing;
 }
 
+namespace {
+
+void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, const Json& shards) {
+  Json dropped = Json::object(), files = Json::array(), list = Json::array();
+  for (int n = 0; n < kNumDropReasons; ++n) {
+    dropped[accessvdb::name(static_cast<DropReason>(n))] = result.dropped[static_cast<std::size_t>(n)];
+  }
+  for (const io::InputFile& input : result.inputs) files.push_back({{"path", input.path}, {"sha256", input.sha256}});
+  for (const TileReturns& tile : result.returns_of) {
+    list.push_back({tile.id.x, tile.id.y, tile.returns, tile.flights});
+  }
+  writeJson(manifestFile(out), {{"plan", plan.id()},
+                                {"steps", result.steps},
+                                {"points_in", result.points_in},
+                                {"points_used", result.points_used},
+                                {"dropped", dropped},
+                                {"truncated_points", result.truncated_points},
+                                {"returns_stored", result.returns_stored},
+                                {"bytes", result.bytes},
+                                {"shards", shards},
+                                {"inputs", files},
+                                {"tiles", list}});
+}
+
+}  // namespace
+
 Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::InputFile>& inputs) {
   Binned result;
   result.complete = true;
@@ -121,26 +147,13 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
   std::stable_sort(result.returns_of.begin(), result.returns_of.end(),
                    [](const TileReturns& a, const TileReturns& b) { return a.returns > b.returns; });
 
-  Json dropped = Json::object(), files = Json::array(), list = Json::array();
-  for (int n = 0; n < kNumDropReasons; ++n) {
-    dropped[accessvdb::name(static_cast<DropReason>(n))] = result.dropped[static_cast<std::size_t>(n)];
-  }
-  for (const io::InputFile& input : inputs) files.push_back({{"path", input.path}, {"sha256", input.sha256}});
-  for (const TileReturns& tile : result.returns_of) {
-    list.push_back({tile.id.x, tile.id.y, tile.returns, tile.flights});
-  }
-  writeJson(manifestFile(out), {{"plan", plan.id()},
-                                {"steps", result.steps},
-                                {"points_in", result.points_in},
-                                {"points_used", result.points_used},
-                                {"dropped", dropped},
-                                {"truncated_points", result.truncated_points},
-                                {"returns_stored", result.returns_stored},
-                                {"bytes", result.bytes},
-                                {"shards", shards},
-                                {"inputs", files},
-                                {"tiles", list}});
+  writeManifest(out, plan, result, shards);
   return result;
+}
+
+void writeBinned(const fs::path& out, const Plan& plan, const Binned& rays) {
+  io::prepareOutputFolder(raysFolder(out));
+  writeManifest(out, plan, rays, Json::array());
 }
 
 std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIndex& tile) {

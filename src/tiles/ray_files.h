@@ -25,6 +25,8 @@ struct ShardRange {
 
 /// Reads the indices of all shards and writes the manifest. @param inputs  with their hashes
 Binned writeBinned(const std::filesystem::path& out, const Plan& plan, const std::vector<io::InputFile>& inputs);
+/// The same for tiles that were made without rays on disk.
+void writeBinned(const std::filesystem::path& out, const Plan& plan, const Binned& rays);
 
 /// Where a tile's returns are, in the order of the steps.
 struct TileRays {

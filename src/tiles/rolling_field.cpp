@@ -21,6 +21,7 @@
 #include "field/scan_gate.h"
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
+#include "tiles/ray_files.h"
 #include "tiles/rolling_tiles.h"
 #include "tiles/step_sorter.h"
 #include "tiles/tile_files.h"
@@ -208,6 +209,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     }
     name(fresh);
     left_out_returns += stats.left_out_returns;
+    taken.points_in += stats.points_in;
+    taken.points_used += stats.points_used;
+    for (std::size_t n = 0; n < taken.dropped.size(); ++n) taken.dropped[n] += stats.dropped[n];
     stats.surface_points = points;
   }
 
@@ -324,10 +328,11 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return points;
   }
 
-  [[nodiscard]] tiles::Plan plan() const {
+  [[nodiscard]] tiles::Plan plan(const RollingSource& source) const {
     tiles::Plan plan;
     plan.program = ACCESSVDB_VERSION;
-    plan.parameters = describeTools(tools, params);
+    plan.parameters = describeTools(tools, params) + source.parameters;
+    plan.frame = source.frame;
     for (const ToolSpec& tool : tools) plan.tool_name += (plan.tool_name.empty() ? "" : ", ") + tool.name;
     if (tools.size() == 1) plan.tool_name = tools.front().tool.name();
     plan.tool_sha256 = toolListSha256(tools);
@@ -336,15 +341,15 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     plan.voxel_size_m = params.tsdf.voxel_size_m;
     plan.tile_voxels = tile_voxels;
     plan.margin_voxels = margins.returns_voxels;
-    tiles::Flight flight;
-    flight.options = "rolling\n";
+    tiles::Flight flight = source.flight;
+    flight.stamps_s.clear();
     for (const double stamp_s : stamps_s) flight.stamps_s.push_back(std::isfinite(stamp_s) ? stamp_s : 0);
     plan.flights.push_back(std::move(flight));
     return identified(std::move(plan));
   }
 
   /// @param saved  RollingTiles::saveAll()
-  [[nodiscard]] tiles::Json manifest(const tiles::Json& saved) const {
+  [[nodiscard]] tiles::Json manifest(const tiles::Json& saved, const std::string& of_caller) const {
     tiles::Json stamps = tiles::Json::array();
     for (const double stamp_s : stamps_s)
       stamps.push_back(std::isfinite(stamp_s) ? tiles::Json(stamp_s) : tiles::Json());
@@ -359,6 +364,10 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
                         {"first_ids", first_ids},
                         {"stamps_s", stamps},
                         {"lost_tiles", tiles.lost()},
+                        {"note", of_caller},
+                        {"points_in", taken.points_in},
+                        {"points_used", taken.points_used},
+                        {"dropped", taken.dropped},
                         {"tiles", saved}};
     const Eigen::Vector3d& origin_W = gate.origin_W();
     if (gate.hasOrigin()) json["origin_W"] = {origin_W.x(), origin_W.y(), origin_W.z()};
@@ -386,6 +395,10 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     json.at("first_ids").get_to(first_ids);
     for (const tiles::Json& stamp : json.at("stamps_s"))
       stamps_s.push_back(stamp.is_null() ? std::numeric_limits<double>::quiet_NaN() : stamp.get<double>());
+    json.at("note").get_to(note);
+    json.at("points_in").get_to(taken.points_in);
+    json.at("points_used").get_to(taken.points_used);
+    json.at("dropped").get_to(taken.dropped);
     if (json.contains("latest_s")) clock = internal::FieldClock(json.at("latest_s").get<double>());
     if (json.contains("origin_W")) {
       const auto origin_W = json.at("origin_W").get<std::array<double, 3>>();
@@ -424,6 +437,12 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
   bool memory_short = false, whole = true;
   double fitting_range_m = 0;
+  /// Returns of all steps.
+  struct Taken {
+    std::uint64_t points_in = 0, points_used = 0;
+    std::array<std::uint64_t, kNumDropReasons> dropped = {};
+  } taken;
+  std::string note;  ///< of the last checkpoint
 };
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
@@ -468,12 +487,15 @@ UpdateStats RollingField::update() {
   return stats;
 }
 
-void RollingField::checkpoint() {
+void RollingField::checkpoint(const std::string& note) {
   impl_->requireWhole();
   const tiles::Json saved = impl_->tiles.saveAll();
-  tiles::writeJson(impl_->options.folder / kManifest, impl_->manifest(saved));
+  tiles::writeJson(impl_->options.folder / kManifest, impl_->manifest(saved, note));
   impl_->tiles.keep(saved);
+  impl_->note = note;
 }
+
+const std::string& RollingField::note() const { return impl_->note; }
 
 RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                                   const TableProgress& progress) {
@@ -534,15 +556,17 @@ RollingStatus RollingField::status() const {
 const FieldParams& RollingField::params() const { return impl_->params; }
 Eigen::Vector3d RollingField::origin_W() const { return impl_->gate.origin_W(); }
 
-void RollingField::write(const fs::path& out, const io::WriteOptions& files) {
+std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::WriteOptions& files,
+                                             const RollingSource& source) {
   io::checkWriteOptions(files);
   tiles::requireOwnFolders(out);
-  if (tiles::hasPlan(out)) {
+  const tiles::Plan plan = impl_->plan(source);
+  // One that was killed just before its end may be repeated.
+  if (tiles::hasPlan(out) && tiles::readPlan(out).id() != plan.id()) {
     throw OutputError("output.foreign", out.string(), "holds the tiles of another run", "Choose another folder");
   }
   update();
   const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
-  const tiles::Plan plan = impl_->plan();
   io::prepareOutputFolder(out);
   tiles::Status status;
   for (const TileIndex& index : impl_->tiles.all()) {
@@ -558,13 +582,28 @@ void RollingField::write(const fs::path& out, const io::WriteOptions& files) {
       };
       tiles::writeTileFiles(tile.field, folder.path(), files, step_of, written);
       written.seconds = watch.milliseconds() / 1000;
+      written.peak_bytes = tiles::peakOfProcess();
       tiles::writeTile(folder.path(), plan, written);
       folder.putInPlace(plan, 1);
       status.done.push_back(std::move(written));
     });
   }
-  tiles::writePlan(out, plan);  // now: a call that failed may be repeated, and finds its tiles
+  tiles::Binned rays;
+  rays.complete = true;
+  rays.steps = impl_->first_ids.size();
+  rays.points_in = impl_->taken.points_in;
+  rays.points_used = impl_->taken.points_used;
+  rays.dropped = impl_->taken.dropped;
+  rays.inputs = source.inputs;
+  rays.truncated_points = source.truncated_points;
+  for (const tiles::Tile& tile : status.done) {
+    rays.returns_of.push_back({tile.id, tile.returns, 1});
+    rays.returns_stored += tile.returns;
+  }
+  tiles::writeBinned(out, plan, rays);
   tiles::writeIndex(out, plan, status);
+  tiles::writePlan(out, plan);  // last: until then nobody takes it for whole
+  return std::move(status.done);
 }
 
 }  // namespace accessvdb

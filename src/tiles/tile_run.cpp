@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// From the returns of a tile to its files.
 #include <malloc.h>
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <chrono>
 #include <limits>
@@ -33,12 +31,6 @@ using Clock = std::chrono::steady_clock;
 
 struct DoesNotFit {};
 struct Stopped {};
-
-std::uint64_t peakOfProcess() {
-  rusage usage = {};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;  // Linux counts in KiB
-}
 
 struct FusedReturns {
   std::uint64_t all = 0, largest_step = 0;

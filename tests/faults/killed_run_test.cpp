@@ -16,6 +16,7 @@
 
 #include "cli/checkpoint_world.h"
 #include "cli/program_run.h"
+#include "cli/rolling_world.h"
 
 namespace accessvdb::cli_test {
 namespace {
@@ -142,6 +143,72 @@ TEST_F(KilledRun, EndsWithTheSameFiles) {
             << halfway << " left a checkpoint of some of the scans; " << finished << " runs got to the end\n";
   EXPECT_GE(5 * hit, 4 * done) << "too many kills came after the end";
   EXPECT_GT(halfway, 0u) << "no run had to go on from the middle";
+}
+
+/// map --rolling: at most what came after the last checkpoint is lost, so the result has the same bytes.
+TEST_F(KilledRun, RollingEndsWithTheSameTiles) {
+  const unsigned long kills = numberFrom("ACCESSVDB_KILLS", 6), seed = numberFrom("ACCESSVDB_KILL_SEED", 1);
+  writeRollingWorld({.scans = 60, .step_m = 2, .returns_home = true}, folder_);
+  const auto arguments = [&](const std::string& roll, const std::string& out, std::vector<std::string> more) {
+    std::vector<std::string> all = {"map",
+                                    "--scans",
+                                    path("scans"),
+                                    "--poses",
+                                    path("poses.txt"),
+                                    "--tool",
+                                    "builtin:pruner",
+                                    "--voxel",
+                                    "0.05",
+                                    "--range-noise",
+                                    "0.01",
+                                    "--max-range",
+                                    "8",
+                                    "--device",
+                                    "cpu",
+                                    "--threads",
+                                    "1",
+                                    "--rolling",
+                                    path(roll),
+                                    "--out",
+                                    path(out)};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  };
+  const Clock::time_point start = Clock::now();
+  ASSERT_EQ(runProgram(arguments("straight_roll", "straight", {})).exit_code, 0);
+  double latest_s = 0.8 * secondsSince(start);
+  unsigned long hit = 0, done = 0, went_on = 0;
+  while (done < kills && !HasFailure()) {
+    fs::remove_all(folder_ / "out");
+    fs::remove_all(folder_ / "roll");
+    const std::vector<std::string> resumable =
+        arguments("roll", "out", {"--resume", path("roll"), "--checkpoint-every", "1ms"});
+    bool killed = true;
+    for (int n = 0; n < 4 && done < kills && killed; ++n, ++done) {
+      std::mt19937_64 random(seed + done);
+      const double after_s = latest_s * std::uniform_real_distribution<double>(0.1, 1)(random);
+      const Ended ended = runAndKill(resumable, after_s, folder_ / "log");
+      killed = ended.killed;
+      latest_s *= !killed ? 0.85 : 1.1;
+      hit += killed ? 1 : 0;
+      std::cout << "ACCESSVDB_KILL_SEED=" << seed + done << " after " << after_s
+                << " s: " << (ended.killed ? "killed" : "had ended") << std::endl;
+      ASSERT_TRUE(ended.killed || ended.exit_code == 0) << ended.exit_code << "\n" << readText("log");
+    }
+    const ProgramResult last = runProgram(resumable);
+    ASSERT_EQ(last.exit_code, 0) << last.err;
+    went_on += last.err.find("going on after ") != std::string::npos ? 1 : 0;
+    for (const std::string name : {"straight", "out"}) {
+      ASSERT_EQ(runProgram({"tile", "merge", path(name), "--points", path(name + ".ply")}).exit_code, 0);
+    }
+    const std::string expected = contentOf(folder_ / "straight.ply");
+    EXPECT_FALSE(expected.empty());
+    EXPECT_TRUE(expected == contentOf(folder_ / "out.ply"));
+    EXPECT_EQ(listing("roll").size(), listing("straight_roll").size()) << "nothing else may be left";
+  }
+  std::cout << hit << " of " << done << " kills hit a running process, " << went_on << " last runs went on\n";
+  EXPECT_GE(2 * hit, done) << "too many kills came after the end";
+  EXPECT_GT(went_on, 0u) << "no run had to go on";
 }
 
 }  // namespace

@@ -124,6 +124,9 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--checkpoint-every", &options.checkpoint_every,
                "time between checkpoints, for example 30s, 5m or 1h; 0 = only when stopped and after the last scan");
   flags.option("--resume", &options.resume, "go on from the checkpoint in this folder, and leave new ones there");
+  flags.option("--rolling", &options.rolling,
+               "folder for tiles that the sensor has left: they go there past --max-memory, and come back with it, so "
+               "that a flight of any length fits; --resume with the same folder goes on after its last checkpoint");
   flags.list(
       "--remove", options.remove,
       std::string("what has gone since: taken out of the map after the last scan; may be repeated: ") + kRegionForms);

@@ -19,6 +19,8 @@ constexpr std::size_t kBarWidth = 30;
 
 }  // namespace
 
+std::string secondsInWords(double seconds) { return numberText(std::round(10 * seconds) / 10) + " s"; }
+
 Progress::Progress(const Messages& messages, std::string label, std::size_t total, ShowShort show_short)
     : enabled_(!messages.quiet() && messages.format() == ErrorFormat::Text),
       terminal_(isatty(STDERR_FILENO) == 1),

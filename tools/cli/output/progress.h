@@ -15,6 +15,12 @@ namespace accessvdb::tools {
 /// Whether a job that is done soon shows anything.
 enum class ShowShort { Yes, No };
 
+[[nodiscard]] inline double secondsSince(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+/// "12.3 s"
+[[nodiscard]] std::string secondsInWords(double seconds);
+
 class Progress {
  public:
   Progress(const Messages& messages, std::string label, std::size_t total, ShowShort show_short = ShowShort::Yes);

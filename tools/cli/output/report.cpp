@@ -141,6 +141,18 @@ void RunReport::add(const FrameStats& stats) {
   for (int reason = 0; reason < kNumDropReasons; ++reason) dropped[reason] += stats.dropped[reason];
 }
 
+void RunReport::addScan(const FrameStats& stats, bool with_distance) {
+  add(stats);
+  integrate.add(stats.integrate_ms);
+  mirror.add(stats.mirror_ms);
+  changed_leaves.add(static_cast<double>(stats.changed_leaves));
+  mirror_bytes.add(static_cast<double>(stats.mirror_bytes));
+  if (!with_distance) return;
+  distance_mirror.add(stats.distance_mirror_ms);
+  distance_leaves.add(static_cast<double>(stats.distance_leaves));
+  distance_mirror_bytes.add(static_cast<double>(stats.distance_mirror_bytes));
+}
+
 Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, const SurfacePoints& points) {
   report.memory = memory;
   report.surface_points = points.size();

@@ -123,6 +123,8 @@ struct RunReport {
   std::optional<Failure> failure;
 
   void add(const FrameStats& stats);
+  /// The same with times. @param with_distance  whether there is a mirror of distances
+  void addScan(const FrameStats& stats, bool with_distance);
 };
 
 /// Fills in what the points and the map are. @return the points' bounds, world frame

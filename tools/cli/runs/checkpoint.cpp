@@ -19,6 +19,7 @@
 #include "accessvdb/saved_state.h"
 #include "output/json_text.h"
 #include "output/progress.h"
+#include "runs/progress_json.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -29,34 +30,7 @@ using Json = nlohmann::ordered_json;
 constexpr const char* kManifest = "state.json";
 constexpr int kManifestSchema = 1;
 /// Among what is said of reading: the coordinate system of the scans.
-constexpr const char* kSystem = "system_sha256";
 constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 28;  // a million scans
-
-/// Reads back as the same number.
-std::string fullNumber(double value) {
-  char text[40];
-  return {text, std::to_chars(text, text + sizeof text, value).ptr};
-}
-
-/// How the scans are read: another value would make other steps of the same files.
-std::map<std::string, std::string> readingOf(const MapOptions& options) {
-  std::map<std::string, std::string> reading = {{"every", std::to_string(options.every)},
-                                                {"pose_format", options.pose_format},
-                                                {"sensor_at", options.sensor_at},
-                                                {"time_offset", fullNumber(options.survey.time_offset_s)},
-                                                {"allow_truncated", options.allow_truncated ? "true" : "false"},
-                                                {"sort_poses", options.sort_poses ? "true" : "false"}};
-  // Later than the first checkpoints, which do not have them.
-  for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
-  for (const auto& given : givenSensorOptions(options.sensor))
-    if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
-  for (const auto& given : givenSurveyOptions(options.survey)) {
-    const std::set<std::string> of_reading = {"ray", "match", "max_gap", "carried", "index", "crs"};
-    if (of_reading.contains(given.first)) reading.insert(given);
-  }
-  if (options.survey.keep_noise) reading["keep_noise"] = "true";
-  return reading;
-}
 
 std::vector<std::pair<std::string, std::string>> linesOf(const FieldParams& params) {
   std::vector<std::pair<std::string, std::string>> lines;
@@ -73,17 +47,6 @@ std::vector<std::pair<std::string, std::string>> linesOf(const FieldParams& para
   return lines;
 }
 
-Json jsonOf(const std::vector<io::InputFile>& files) {
-  Json list = Json::array();
-  for (const io::InputFile& file : files) list.push_back({{"path", file.path}, {"sha256", file.sha256}});
-  return list;
-}
-std::vector<io::InputFile> filesFrom(const Json& list) {
-  std::vector<io::InputFile> files;
-  for (const Json& file : list) files.push_back({file.at("path"), file.at("sha256")});
-  return files;
-}
-
 /// @return no object if that is not what the file holds, or there is none
 Json parsed(const fs::path& manifest) {
   return Json::parse(io::contentAt(manifest, kMostManifestBytes), nullptr, false);
@@ -96,10 +59,6 @@ bool holdsCheckpoint(const fs::path& folder, ErrorCode of) {
   if (!io::isTaken(folder / kManifest, of)) return false;
   const Json json = parsed(folder / kManifest);
   return !json.is_object() || !json.contains("schema") || !json.contains("generation") || json["generation"] != 0;
-}
-
-[[noreturn]] void refuse(const std::string& id, const fs::path& folder, const std::string& problem) {
-  throw UnusableInput(id, folder.string(), problem, "Repeat the run as it was, or start again without --resume");
 }
 
 }  // namespace
@@ -116,22 +75,6 @@ double parseDuration_s(const std::string& flag, const std::string& text) {
                           "Write a number with s, m or h, for example 30s or 5m, or 0");
   }
   return value * factor;
-}
-
-RunProgress RunProgress::startOfTheseScans() const {
-  RunProgress start;
-  start.earlier_scans = earlier_scans;
-  start.earlier = earlier;
-  return start;
-}
-
-RunProgress RunProgress::followedByOthers() const {
-  RunProgress start;
-  start.earlier_scans = scansFused();
-  start.earlier = earlier;
-  start.earlier.insert(start.earlier.end(), poses.begin(), poses.end());
-  start.earlier.insert(start.earlier.end(), scans.begin(), scans.end());
-  return start;
 }
 
 void checkCheckpointOptions(const MapOptions& options) {
@@ -207,21 +150,12 @@ void Checkpoints::readManifest() {
       throw damaged("is not the manifest of a checkpoint that this program can read");
     }
     from_ = file.parent_path() / ("state-" + std::to_string(json.at("generation").get<std::uint64_t>()) + ".avst");
-    progress.earlier_scans = json.at("earlier_scans");
-    progress.earlier = filesFrom(json.at("earlier"));
-    progress.next_step = json.at("next_step");
-    progress.steps = json.at("steps");
-    progress.points_in = json.at("points_in");
-    progress.points_used = json.at("points_used");
-    progress.dropped = json.at("dropped");
-    progress.frames = json.at("frames");
-    progress.poses = filesFrom(json.at("poses"));
-    progress.scans = filesFrom(json.at("scans"));
+    progress = progressFrom(json);
     saved = inspectState(from_);
     if (saved.sha256 != json.at("head_sha256") || saved.scans != progress.scansFused()) {
       throw damaged("belongs to another state than " + from_.filename().string());
     }
-    reading_ = json.at("reading").get<std::map<std::string, std::string>>();
+    reading_ = readingFrom(json);
   } catch (const Json::exception&) {
     throw damaged("has missing or malformed entries");
   }
@@ -236,21 +170,21 @@ AccessibilityField Checkpoints::load(const std::vector<ToolSpec>& tools, const F
   const auto before = linesOf(inspectState(from_).params), now = linesOf(params);
   for (std::size_t n = 0; n < std::min(before.size(), now.size()); ++n) {
     if (before[n] == now[n]) continue;
-    refuse("state.params", options_.resume,
-           before[n].first + " was " + before[n].second + " and is now " +
-               (before[n].first == now[n].first ? now[n].second : "replaced by " + now[n].first));
+    refuseToResume("state.params", options_.resume,
+                   before[n].first + " was " + before[n].second + " and is now " +
+                       (before[n].first == now[n].first ? now[n].second : "replaced by " + now[n].first));
   }
-  if (before.size() != now.size()) refuse("state.params", options_.resume, "other parameters were given");
+  if (before.size() != now.size()) refuseToResume("state.params", options_.resume, "other parameters were given");
   return AccessibilityField::loadState(from_, tools, params.backend, params.threads, tableProgress(messages_));
 }
 
 bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
   if (!resumed_ || paths.empty() || io::sha256OfFile(paths.front()) == resumed_->scans.front().sha256) return false;
   if (resumed_->next_step < resumed_->steps) {
-    refuse("state.scans", options_.resume,
-           "it stopped after " + std::to_string(resumed_->next_step) + " of " + std::to_string(resumed_->steps) +
-               " scans, the first of which is " + resumed_->scans.front().path + ", and " + paths.front() +
-               " is another one");
+    refuseToResume("state.scans", options_.resume,
+                   "it stopped after " + std::to_string(resumed_->next_step) + " of " +
+                       std::to_string(resumed_->steps) + " scans, the first of which is " +
+                       resumed_->scans.front().path + ", and " + paths.front() + " is another one");
   }
   std::set<std::string> known;
   for (const auto* files : {&resumed_->earlier, &resumed_->scans}) {
@@ -259,7 +193,7 @@ bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
   const auto again = static_cast<std::size_t>(std::count_if(
       paths.begin(), paths.end(), [&](const std::string& path) { return known.contains(io::sha256OfFile(path)); }));
   const std::string share = std::to_string(again) + " of " + std::to_string(paths.size()) + " scans";
-  if (2 * again > paths.size()) refuse("state.scans", options_.resume, share + " are in it already");
+  if (2 * again > paths.size()) refuseToResume("state.scans", options_.resume, share + " are in it already");
   const auto before = reading_.find(kSystem);
   if (before != reading_.end() && !system_.empty() && before->second != system_ && options_.survey.crs.empty()) {
     throw UnusableInput("scans.frame", options_.resume, "holds scans in another coordinate system than these",
@@ -269,8 +203,16 @@ bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
   return true;
 }
 
-std::map<std::string, std::string> Checkpoints::reading() const {
-  std::map<std::string, std::string> reading = readingOf(options_);
+void Checkpoints::requireSameReading(std::uint64_t steps) const {
+  tools::requireSameReading({*resumed_, reading_, options_.resume}, reading(), steps);
+}
+
+void Checkpoints::requireSameInputs(const RunProgress& now) const {
+  tools::requireSameInputs({*resumed_, reading_, options_.resume}, now);
+}
+
+Reading Checkpoints::reading() const {
+  Reading reading = readingOf(options_);
   for (const auto& [key, value] : read_as_) reading[key] = value;
   const auto before = reading_.find(kSystem);
   if (!system_.empty()) {
@@ -279,38 +221,6 @@ std::map<std::string, std::string> Checkpoints::reading() const {
     reading[kSystem] = before->second;  // of earlier scans
   }
   return reading;
-}
-
-void Checkpoints::requireSameReading(std::uint64_t steps) const {
-  std::map<std::string, std::string> reading = this->reading();
-  for (const auto& [key, value] : reading_) reading.try_emplace(key, "");
-  for (const auto& [key, value] : reading) {
-    const auto before = reading_.find(key);
-    if (before != reading_.end() && before->second == value) continue;
-    if (key == kSystem) continue;  // follows from the files, and was not always noted
-    refuse("state.params", options_.resume,
-           key + " was \"" + (before == reading_.end() ? "" : before->second) + "\" and is now \"" + value + "\"");
-  }
-  if (steps != resumed_->steps) {
-    refuse("state.scans", options_.resume,
-           "there are now " + std::to_string(steps) + " scans to fuse, and were " + std::to_string(resumed_->steps));
-  }
-}
-
-void Checkpoints::requireSameInputs(const RunProgress& now) const {
-  const auto compare = [&](const std::string& what, const auto& before, const auto& files) {
-    for (std::size_t n = 0; n < std::min(before.size(), files.size()); ++n) {
-      if (before[n].sha256 == files[n].sha256) continue;
-      refuse("state.scans", options_.resume,
-             what + " " + files[n].path + " has different content from " + before[n].path);
-    }
-    if (before.size() == files.size()) return;
-    refuse("state.scans", options_.resume,
-           "there are " + std::to_string(files.size()) + " files with " + what + "s now, and " +
-               std::to_string(before.size()) + " were read before");
-  };
-  compare("pose", resumed_->poses, now.poses);
-  compare("scan", resumed_->scans, now.scans);
 }
 
 bool Checkpoints::due() const {
@@ -363,23 +273,10 @@ void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& 
 
 void Checkpoints::saveAs(std::uint64_t generation, const AccessibilityField& field, const RunProgress& progress) const {
   field.saveState(state(generation));
-  const Json json = {{"schema", kManifestSchema},
-                     {"version", ACCESSVDB_VERSION},
-                     {"generation", generation},
-                     {"before", generation_},
-                     {"next", freeAfter(generation)},
-                     {"head_sha256", inspectState(state(generation)).sha256},
-                     {"earlier_scans", progress.earlier_scans},
-                     {"earlier", jsonOf(progress.earlier)},
-                     {"next_step", progress.next_step},
-                     {"steps", progress.steps},
-                     {"points_in", progress.points_in},
-                     {"points_used", progress.points_used},
-                     {"dropped", progress.dropped},
-                     {"frames", progress.frames},
-                     {"reading", reading()},
-                     {"poses", jsonOf(progress.poses)},
-                     {"scans", jsonOf(progress.scans)}};
+  Json json = {{"schema", kManifestSchema},     {"version", ACCESSVDB_VERSION},
+               {"generation", generation},      {"before", generation_},
+               {"next", freeAfter(generation)}, {"head_sha256", inspectState(state(generation)).sha256}};
+  addProgress(progress, reading(), json);
   writeManifest(jsonText(json, 1));
 }
 

@@ -19,29 +19,12 @@
 #include "accessvdb/scan_io.h"
 #include "options/map_options.h"
 #include "output/report.h"
+#include "runs/run_progress.h"
 
 namespace accessvdb::tools {
 
 /// "30s", "5m", "1h", "250ms", fractions too, or "0". @throws InvalidArgument naming the flag
 [[nodiscard]] double parseDuration_s(const std::string& flag, const std::string& text);
-
-/// How far a run is, besides its field.
-struct RunProgress {
-  std::uint64_t earlier_scans = 0;         ///< of other scan folders or clouds, added by earlier runs
-  std::vector<io::InputFile> earlier;      ///< their files
-  std::uint64_t next_step = 0, steps = 0;  ///< next one of this run to fuse, and how many there are
-  std::uint64_t points_in = 0, points_used = 0;
-  std::array<std::uint64_t, kNumDropReasons> dropped = {};
-  std::uint64_t frames = 0;          ///< of --sequence, written
-  std::vector<io::InputFile> poses;  ///< pose file and calibration, where there are any
-  std::vector<io::InputFile> scans;  ///< files read so far, in order
-
-  [[nodiscard]] std::uint64_t scansFused() const { return earlier_scans + next_step; }
-  /// Where this run started.
-  [[nodiscard]] RunProgress startOfTheseScans() const;
-  /// Where a run that adds other scans starts.
-  [[nodiscard]] RunProgress followedByOthers() const;
-};
 
 class Checkpoints {
  public:
@@ -106,11 +89,11 @@ class Checkpoints {
   std::optional<std::uint64_t> written_scans_;  ///< in the last one, if it is of the field as it is
   bool warned_ = false;
   std::optional<RunProgress> resumed_;
-  [[nodiscard]] std::map<std::string, std::string> reading() const;
+  [[nodiscard]] Reading reading() const;
 
-  std::map<std::string, std::string> read_as_;
-  std::string system_;                          ///< SurveyFrame::systemSha256()
-  std::map<std::string, std::string> reading_;  ///< of resumed()
+  Reading read_as_;
+  std::string system_;  ///< SurveyFrame::systemSha256()
+  Reading reading_;     ///< of resumed()
   Clock::time_point last_ = Clock::now();
 };
 

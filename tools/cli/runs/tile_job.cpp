@@ -18,6 +18,7 @@
 #include "runs/agreement_check.h"
 #include "runs/first_returns.h"
 #include "runs/memory_check.h"
+#include "runs/run_progress.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -25,10 +26,18 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Flags that say where and how to run, not what to map.
-constexpr const char* kNotOfThePlan[] = {
-    "out",        "device", "threads", "config",    "quiet",      "error-format",      "max-memory", "tiles",
-    "bin-memory", "fresh",  "help",    "keep-rays", "no-clobber", "print-config",      "checkpoint", "checkpoint-every",
-    "resume",     "append", "html",    "remove",    "removed-as", "allow-disagreement"};
+constexpr const char* kNotOfThePlan[] = {"out",        "device",
+                                         "threads",    "config",
+                                         "quiet",      "error-format",
+                                         "max-memory", "tiles",
+                                         "bin-memory", "fresh",
+                                         "help",       "keep-rays",
+                                         "no-clobber", "print-config",
+                                         "checkpoint", "checkpoint-every",
+                                         "resume",     "append",
+                                         "html",       "remove",
+                                         "removed-as", "allow-disagreement",
+                                         "rolling"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations", "crs"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",      "tool-axis", "tool-up", "half", "compression",
@@ -49,12 +58,6 @@ bool isIn(const char* const (&list)[kCount], const std::string& key) {
 }
 
 fs::path absolutePath(const fs::path& path) { return fs::absolute(path).lexically_normal(); }
-
-/// Reads back as the same number.
-std::string exactNumber(double value) {
-  char text[40];
-  return {text, std::to_chars(text, text + sizeof text, value).ptr};
-}
 
 /// The settings named in a list, files left out: those are compared by their content.
 template <std::size_t kCount>
@@ -132,16 +135,8 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   const tiles::TileMargins margins = tiles::tileMargins(sources.tools, params, tableProgress(messages));
   tiles::Plan plan;
   plan.program = ACCESSVDB_VERSION;
-  PlanSettings settings = sources.settings;
-  std::erase_if(settings,
-                [](const auto& setting) { return setting.first == "range-noise" || setting.first == "origin"; });
-  // What was recorded next to the scans is found again without them, and an origin without the earlier result.
-  settings.emplace_back("range-noise", exactNumber(params.tsdf.range_noise_m));
-  if (const auto& origin_W = params.origin_W) {
-    settings.emplace_back(
-        "origin", exactNumber((*origin_W)[0]) + "," + exactNumber((*origin_W)[1]) + "," + exactNumber((*origin_W)[2]));
-  }
-  plan.parameters = describeTools(sources.tools, params) + textOf(settings, kOfTheResult);
+  auto [words, flight] = plannedSources(sources);
+  plan.parameters = describeTools(sources.tools, params) + words;
   plan.tool_name = sources.tools.size() == 1 ? sources.tools.front().tool.name() : namesOf(sources.tools);
   plan.tool_sha256 = toolListSha256(sources.tools);
   plan.origin_W = params.origin_W ? *params.origin_W : tiles::originOf(sources.scans, params);
@@ -150,7 +145,7 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   plan.margin_voxels = margins.returns_voxels;
   plan.bin_bytes = binBytes(sources.options);
   plan.frame = sources.scans.frame();
-  plan.flights.push_back(flightOf(sources, settings));
+  plan.flights.push_back(std::move(flight));
   messages.notice("tiles of " + std::to_string(plan.tile_voxels) + " voxels, " +
                   numberText(plan.tile_voxels * voxel_m) + " m, with a margin of " +
                   numberText(plan.margin_voxels * voxel_m) + " m for the tool");
@@ -166,6 +161,20 @@ void removePieces(const fs::path& out) {
 }
 
 }  // namespace
+
+std::pair<std::string, tiles::Flight> plannedSources(const PlanSources& sources) {
+  const FieldParams& params = sources.params;
+  PlanSettings settings = sources.settings;
+  std::erase_if(settings,
+                [](const auto& setting) { return setting.first == "range-noise" || setting.first == "origin"; });
+  // What was recorded next to the scans is found again without them, and an origin without the earlier result.
+  settings.emplace_back("range-noise", fullNumber(params.tsdf.range_noise_m));
+  if (const auto& origin_W = params.origin_W) {
+    settings.emplace_back(
+        "origin", fullNumber((*origin_W)[0]) + "," + fullNumber((*origin_W)[1]) + "," + fullNumber((*origin_W)[2]));
+  }
+  return {textOf(settings, kOfTheResult), flightOf(sources, settings)};
+}
 
 PlanSettings planSettings(const FlagParser& flags) {
   PlanSettings settings;

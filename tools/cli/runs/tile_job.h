@@ -32,6 +32,10 @@ struct PlanSources {
 /// Why these options cannot be mapped in tiles, or nothing.
 [[nodiscard]] std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldParams& params);
 
+/// What a plan of these sources says of their options and scans: Plan::parameters beside those of the field, and the
+/// flight.
+[[nodiscard]] std::pair<std::string, tiles::Flight> plannedSources(const PlanSources& sources);
+
 /// The plan of these sources, written into the folder, or the one that is there if it is the same: sizes of that one
 /// are kept where none are given.
 /// @param chosen_voxels  edge of a tile that the prediction of memory chose; 0 takes --tiles

@@ -22,10 +22,6 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-double secondsSince(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
-
-std::string secondsInWords(double seconds) { return numberText(std::round(10 * seconds) / 10) + " s"; }
-
 void sayDisk(const fs::path& out, std::span<io::ScanSequence* const> flights, Messages& messages) {
   double bytes = 0;
   for (const io::ScanSequence* scans : flights) bytes += static_cast<double>(scans->inputBytes());

@@ -32,6 +32,8 @@
 #include "runs/map_parameters.h"
 #include "runs/memory_check.h"
 #include "runs/plausibility.h"
+#include "runs/reading_losses.h"
+#include "runs/rolling_map.h"
 #include "runs/scan_stamps.h"
 #include "runs/tile_job.h"
 #include "runs/tiled_map.h"
@@ -67,6 +69,7 @@ class MapRun {
  private:
   void hashInput(const fs::path& path);
   int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
+  int rolling(const PlanSources& sources);
   int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
   std::size_t readResumed(io::ScanSequence& scans);
@@ -91,7 +94,7 @@ class MapRun {
   RunReport report_;
   SceneStatistics scene_;
   std::set<std::string> hashed_;
-  std::uint64_t truncated_points_ = 0, excluded_points_ = 0, unposed_points_ = 0, posed_noise_points_ = 0;
+  ReadingLosses losses_;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool written_ = false;      // the field including its labels
   Clock::time_point start_ = Clock::now();
@@ -104,11 +107,8 @@ void MapRun::hashInput(const fs::path& path) {
 
 /// What its reader left out of a scan.
 void MapRun::countLeftOut(const io::ScanRecord& record) {
-  truncated_points_ += record.truncated_points;
-  excluded_points_ += record.excluded_points;
-  unposed_points_ += record.unposed_points;
-  report_.noise_points += record.noise_points;
-  if (record.points_W.empty()) posed_noise_points_ += record.noise_points;
+  losses_.add(record);
+  report_.noise_points = losses_.noise;
 }
 
 void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
@@ -116,16 +116,7 @@ void MapRun::integrate(const io::ScanRecord& record, double stamp_s, Accessibili
   const FrameStats stats = record.points_W.empty()
                                ? field.integrateScan(record.points_S, record.T_W_S, stamp_s, attributes)
                                : field.integrateRays(record.points_W, record.origins_W, stamp_s, attributes);
-  report_.add(stats);
-  report_.integrate.add(stats.integrate_ms);
-  report_.mirror.add(stats.mirror_ms);
-  report_.changed_leaves.add(static_cast<double>(stats.changed_leaves));
-  report_.mirror_bytes.add(static_cast<double>(stats.mirror_bytes));
-  if (options_.mirror_distance) {
-    report_.distance_mirror.add(stats.distance_mirror_ms);
-    report_.distance_leaves.add(static_cast<double>(stats.distance_leaves));
-    report_.distance_mirror_bytes.add(static_cast<double>(stats.distance_mirror_bytes));
-  }
+  report_.addScan(stats, options_.mirror_distance);
   countLeftOut(record);
   ++report_.scans;
 }
@@ -252,19 +243,7 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   }
   const auto points = field.points();
   const Eigen::AlignedBox3d surface_W = countPoints(report_, field.memoryUse(), *points);
-  if (excluded_points_ > 0)
-    messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
-  if (posed_noise_points_ > 0)  // of clouds their readers have said it
-    messages_.notice(std::to_string(posed_noise_points_) +
-                     " withheld, synthetic and noise points were left out (--keep-noise keeps them)");
-  if (unposed_points_ > 0)
-    messages_.notice(std::to_string(unposed_points_) +
-                     " returns were left out: there is no pose at the time at which each was measured");
-  sayAboutReading(scans, messages_);
-  if (truncated_points_ > 0) {
-    messages_.warning("input.truncated",
-                      std::to_string(truncated_points_) + " points announced by the files are missing");
-  }
+  losses_.say(scans, messages_);
 
   io::WriteOptions files = writeOptions(options_.exported);
   files.frame = scans.frame();
@@ -323,8 +302,9 @@ int MapRun::run() {
   checkMapOptions(options_);
   report_.parameters = reportedParameters(options_, fieldParams(options_));
   if (wantedTile_m(options_) > 0) requireTilesPossible(options_, fieldParams(options_));
+  if (!options_.rolling.empty()) requireRollingPossible(options_, fieldParams(options_));
   outputs_.claim();
-  checkpoints_.prepare();
+  if (options_.rolling.empty()) checkpoints_.prepare();
   watchStopSignals();
 
   const std::vector<ToolSpec> tools = loadTools(options_);
@@ -355,6 +335,7 @@ int MapRun::run() {
   report_.agreement = checkAgreement(options_, params.tsdf.range_noise_m, scans, messages_);
   report_.tools = reportedTools(options_, tools);
   const PlanSources sources = {options_, settings_, tools, scans, params};
+  if (!options_.rolling.empty()) return rolling(sources);
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
   std::function<tiles::TileMargins()> margins;
@@ -386,6 +367,14 @@ int MapRun::run() {
 int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
+  writeReport(fs::path(options_.out) / "report.json", report_, messages_);
+  if (report_.tiles) writeViews(sources.tools);
+  return exit_code;
+}
+
+int MapRun::rolling(const PlanSources& sources) {
+  requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
+  const int exit_code = mapRolling(sources, pose_inputs_, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
   if (report_.tiles) writeViews(sources.tools);
   return exit_code;

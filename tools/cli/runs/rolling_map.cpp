@@ -1,0 +1,327 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "runs/rolling_map.h"
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <optional>
+#include <set>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
+#include "accessvdb/rolling_field.h"
+#include "options/tools_given.h"
+#include "output/json_text.h"
+#include "output/progress.h"
+#include "output/run_summary.h"
+#include "output/stop_signal.h"
+#include "runs/checkpoint.h"
+#include "runs/memory_check.h"
+#include "runs/progress_json.h"
+#include "runs/reading_losses.h"
+#include "runs/tiled_map.h"
+
+#include <unistd.h>
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+std::uint64_t residentBytes() {
+  std::uint64_t mapped = 0, resident = 0;
+  std::ifstream("/proc/self/statm") >> mapped >> resident;
+  return resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+bool isSameFolder(const fs::path& a, const fs::path& b) { return fs::weakly_canonical(a) == fs::weakly_canonical(b); }
+
+std::optional<std::string> whyNotRolling(const MapOptions& options, const FieldParams& params) {
+  if (options.tiles != "auto") return "--tiles sorts all returns first; leave it out";
+  if (options.exported.surface) return "--surface needs all points at once";
+  if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
+  if (!options.remove.empty()) return "--remove needs a map in one piece";
+  if (!options.survey.carry.empty()) return "--carry needs a map in one piece, or --tiles";
+  if (options.survey.index) return "--index needs a map in one piece, or --tiles";
+  if (!options.checkpoint.empty()) return "its folder holds the checkpoints; leave --checkpoint out";
+  if (!options.resume.empty() && !isSameFolder(options.resume, options.rolling)) {
+    return "--resume names another folder; name the same one in both";
+  }
+  if (isSameFolder(options.out, options.rolling)) return "--out is the same folder; the result needs one of its own";
+  if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
+  if (params.change.mode == ChangeMode::Full) {
+    return "--change full reads rays whose returns lie in other tiles; use --change block";
+  }
+  return std::nullopt;
+}
+
+class RollingRun {
+ public:
+  RollingRun(const PlanSources& sources, const std::vector<io::InputFile>& poses, RunReport& report, Messages& messages)
+      : sources_(sources),
+        options_(sources.options),
+        poses_(poses),
+        report_(report),
+        messages_(messages),
+        params_(sources.params),
+        checkpoint_every_s_(parseDuration_s("--checkpoint-every", options_.checkpoint_every)) {
+    params_.carry.clear();            // what points.las has of first returns
+    params_.mirror_distance = false;  // only for kernels of this process
+    reading_ = readingOf(options_);
+    if (sources.scans.deskews()) reading_["deskewed"] = "true";
+    for (const io::InputFile& input : report.inputs) hashed_.insert(input.path);
+  }
+
+  int run() {
+    tiles::requireOwnFolders(options_.out);
+    requireShown();
+    RollingField field = open();
+    sayTiles(field);
+    const std::size_t first = readResumed(field);
+    integrateAll(field, first);
+    const int signal = stopSignal();
+    if (report_.points_used > 0) field.checkpoint(note());
+    sayStatus(field.status());
+    if (signal != 0) {
+      messages_.notice(
+          std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) + " of " +
+          std::to_string(sources_.scans.size()) + " scans" +
+          (report_.points_used > 0 ? "; --resume " + options_.rolling + " goes on from here" : "; nothing to save"));
+    } else if (report_.points_used > 0) {
+      finish(field);
+    } else {
+      throw UnusableInput("scans.no_returns", options_.scans,
+                          "none of the " + std::to_string(report_.points_in) + " returns in " +
+                              std::to_string(report_.scans) + " scans can be used (" + droppedInWords(report_) + ")",
+                          "Check the scans, --min-range and --max-range");
+    }
+    report_.exit_code = signal == 0 ? 0 : 128 + signal;
+    return report_.exit_code;
+  }
+
+ private:
+  void requireShown() const {
+    double hidden = 0;
+    for (const ToolSpec& tool : sources_.tools) {
+      hidden = std::max(hidden, toolShareHidden(tool.tool, toolParams(tool, params_)));
+    }
+    requireShownTools(options_, sources_.tools, params_, hidden, messages_);
+  }
+
+  /// What --max-memory leaves for tiles: the rest is the process without any, and a step of scans.
+  [[nodiscard]] std::uint64_t tileLimit() const {
+    const std::optional<std::uint64_t> limit = memoryLimit(options_);
+    if (!limit) return 0;
+    constexpr std::uint64_t kForSteps = std::uint64_t{64} << 20;
+    const std::uint64_t used = residentBytes() + kForSteps;
+    constexpr std::uint64_t kLeastForTiles = std::uint64_t{16} << 20;
+    if (*limit < used + kLeastForTiles) {
+      throw ResourceLimit("limit.memory", "--max-memory",
+                          bytesInWords(static_cast<double>(*limit)) +
+                              " leave nothing for tiles: without any the program takes " +
+                              bytesInWords(static_cast<double>(used)),
+                          "Use --max-memory " + std::to_string(((used + 2 * kLeastForTiles) >> 20) + 1) + "M or more");
+    }
+    return *limit - used;
+  }
+  RollingField open() {
+    const bool there = io::isThere(fs::path(options_.rolling) / "rolling.json", ErrorCode::Output);
+    const bool resumes = !options_.resume.empty() && there;
+    if (!resumes && tiles::hasPlan(options_.out)) {  // said now, not after hours
+      throw OutputError("output.foreign", options_.out, "holds the tiles of another run",
+                        "Choose another folder, or --fresh to delete them");
+    }
+    if (!resumes && there) {
+      throw OutputError("output.foreign", options_.rolling, "holds the tiles of an earlier run",
+                        "Add --resume " + options_.rolling + " to go on with it, or choose another folder");
+    }
+    RollingOptions rolling;
+    rolling.folder = options_.rolling;
+    rolling.memory_limit_bytes = tileLimit();
+    return resumes ? RollingField::resume(sources_.tools, params_, rolling, tableProgress(messages_))
+                   : RollingField(sources_.tools, params_, rolling, tableProgress(messages_));
+  }
+
+  void sayTiles(const RollingField& field) {
+    const RollingStatus now = field.status();
+    const double voxel_m = params_.tsdf.voxel_size_m;
+    messages_.notice("tiles of " + std::to_string(now.tile_voxels) + " voxels, " +
+                     numberText(now.tile_voxels * voxel_m) + " m, with a margin of " +
+                     numberText(now.margin_voxels * voxel_m) + " m for the tool; those that leave memory wait in " +
+                     options_.rolling);
+  }
+
+  [[nodiscard]] RunProgress progress() const {
+    RunProgress now;
+    now.next_step = report_.scans;
+    now.steps = sources_.scans.size();
+    now.points_in = report_.points_in;
+    now.points_used = report_.points_used;
+    now.dropped = report_.dropped;
+    now.poses = poses_;
+    now.scans = scans_;
+    return now;
+  }
+  void hash(const std::string& path) {
+    if (!io::isFile(path) || !hashed_.insert(path).second) return;
+    scans_.push_back({path, io::sha256OfFile(path)});
+  }
+
+  /// Reads the scans that the field has already: they have to be the same ones. @return their number
+  std::size_t readResumed(const RollingField& field) {
+    if (field.note().empty()) return 0;
+    RunProgress before;
+    Reading reading;
+    try {
+      const nlohmann::ordered_json json = nlohmann::ordered_json::parse(field.note());
+      before = progressFrom(json);
+      reading = readingFrom(json);
+    } catch (const nlohmann::ordered_json::exception&) {
+      before.steps = std::numeric_limits<std::uint64_t>::max();
+    }
+    if (before.next_step != field.status().steps || before.next_step > before.steps) {
+      throw InputError("rolling.damaged", options_.rolling, "says what no run of map can have left",
+                       "Use another folder");
+    }
+    const ResumedProgress resumed = {before, reading, options_.resume};
+    requireSameReading(resumed, reading_, sources_.scans.size());
+    for (std::size_t step = 0; step < before.next_step && stopSignal() == 0; ++step) {
+      const io::ScanRecord record = sources_.scans.read(step);
+      losses_.add(record);
+      hash(record.path);
+    }
+    if (stopSignal() == 0) requireSameInputs(resumed, progress());
+    report_.scans = before.next_step;
+    report_.resumed_after_scans = report_.scans;
+    report_.points_in = before.points_in;
+    report_.points_used = before.points_used;
+    report_.dropped = before.dropped;
+    messages_.notice("going on after " + std::to_string(before.next_step) + " of " + std::to_string(before.steps) +
+                     " scans");
+    return before.next_step;
+  }
+
+  void integrateAll(RollingField& field, std::size_t first) {
+    Progress progress(messages_, "fusing scans", sources_.scans.size());
+    Clock::time_point last_checkpoint = Clock::now();
+    for (std::size_t step = first; step < sources_.scans.size() && stopSignal() == 0; ++step) {
+      const io::ScanRecord record = sources_.scans.read(step);
+      const auto begin = Clock::now();
+      const double stamp_s = sources_.scans.stamp_s(step).value_or(std::numeric_limits<double>::quiet_NaN());
+      const FrameStats stats = record.points_W.empty()
+                                   ? field.integrateScan(record.points_S, record.T_W_S, stamp_s)
+                                   : field.integrateRays(record.points_W, record.origins_W, stamp_s);
+      report_.addScan(stats, false);
+      ++report_.scans;
+      losses_.add(record);
+      hash(record.path);
+      if (options_.update_every > 0 && report_.scans % static_cast<std::uint64_t>(options_.update_every) == 0) {
+        const UpdateStats updated = field.update();
+        report_.update.add(updated.update_ms);
+        report_.score.add(updated.score_ms);
+      }
+      report_.frame.add(1e3 * secondsSince(begin));
+      noteShort(field.status());
+      progress.show(step + 1, fs::path(record.path).filename().string());
+      if (checkpoint_every_s_ > 0 && secondsSince(last_checkpoint) >= checkpoint_every_s_) {
+        field.checkpoint(note());
+        last_checkpoint = Clock::now();
+      }
+    }
+    progress.finish();
+  }
+
+  [[nodiscard]] std::string note() const {
+    nlohmann::ordered_json json;
+    addProgress(progress(), reading_, json);
+    return jsonText(json, -1);
+  }
+
+  void noteShort(const RollingStatus& now) {
+    if (!now.memory_short) return;
+    ++short_scans_;
+    fitting_range_m_ = std::min(fitting_range_m_, now.fitting_range_m);
+  }
+  void sayStatus(const RollingStatus& now) {
+    messages_.notice(std::to_string(now.tiles) + " tiles, " + std::to_string(now.tiles_in_memory) +
+                     " of them in memory; " + std::to_string(now.saved) + " left it, " + std::to_string(now.loaded) +
+                     " came back");
+    if (now.left_out_returns > 0) {
+      messages_.warning(
+          "rolling.short",
+          std::to_string(now.left_out_returns) + " returns were left out for lack of memory, in " +
+              std::to_string(short_scans_) + " scans of this run, and block what lies around them; more --max-memory" +
+              (std::isfinite(fitting_range_m_) && fitting_range_m_ > 0
+                   ? ", or --max-range " + numberText(std::floor(10 * fitting_range_m_) / 10) + ", would take all"
+                   : " would take them"));
+    }
+    if (!now.lost_tiles.empty()) {
+      messages_.warning("rolling.lost", std::to_string(now.lost_tiles.size()) +
+                                            " tiles were damaged on the disk, and all their points are unscored: " +
+                                            now.lost_tiles.front() + (now.lost_tiles.size() > 1 ? " and others" : ""));
+    }
+  }
+
+  void finish(RollingField& field) {
+    const auto begin = Clock::now();
+    const std::string of_scans = note();  // without what else belongs to them
+    for (const std::string& path : sources_.scans.paths()) hash(path);
+    losses_.say(sources_.scans, messages_);
+    if (!messages_.quiet()) messages_.notice("scoring, and writing the tiles");
+    io::WriteOptions files = writeOptions(options_.exported);
+    files.frame = sources_.scans.frame();
+    RollingSource source;
+    std::tie(source.parameters, source.flight) = plannedSources(sources_);
+    source.inputs = report_.inputs;
+    source.inputs.insert(source.inputs.end(), scans_.begin(), scans_.end());
+    source.frame = sources_.scans.frame();
+    source.truncated_points = losses_.truncated;
+    tiles::Status status;
+    status.done = field.write(options_.out, files, source);
+    field.checkpoint(of_scans);  // with the labels
+    const tiles::Job job = {options_.out, tiles::readPlan(options_.out), sources_.tools, params_};
+    report_.device.clear();
+    writeResult({job, options_, *tiles::binned(options_.out, job.plan), status}, report_, messages_);
+    messages_.notice("wrote " + std::to_string(status.done.size()) + " tiles with " +
+                     std::to_string(report_.surface_points) + " points, field.json, preview.png and report.json into " +
+                     options_.out + " in " + secondsInWords(secondsSince(begin)));
+    messages_.notice("one file of all points: accessvdb tile merge " + options_.out + " --points all.ply");
+  }
+
+  const PlanSources& sources_;
+  const MapOptions& options_;
+  const std::vector<io::InputFile>& poses_;
+  RunReport& report_;
+  Messages& messages_;
+  FieldParams params_;
+  double checkpoint_every_s_;
+  Reading reading_;
+  ReadingLosses losses_;
+  std::vector<io::InputFile> scans_;
+  std::set<std::string> hashed_;
+  std::uint64_t short_scans_ = 0;
+  double fitting_range_m_ = std::numeric_limits<double>::infinity();
+};
+
+}  // namespace
+
+void requireRollingPossible(const MapOptions& options, const FieldParams& params) {
+  if (const auto reason = whyNotRolling(options, params)) {
+    throw InvalidArgument("usage.rolling", "--rolling " + options.rolling, *reason,
+                          "Leave that option out, or --rolling");
+  }
+}
+
+int mapRolling(const PlanSources& sources, const std::vector<io::InputFile>& poses, RunReport& report,
+               Messages& messages) {
+  return RollingRun(sources, poses, report, messages).run();
+}
+
+}  // namespace accessvdb::tools
