@@ -110,7 +110,7 @@ class Page {
       out << "<script type=\"text/plain\" class=\"points\">" << block.base64 << "</script>\n";
       blocks_.push_back({{"tile", block.tile}, {"points", block.points}, {"base", block.base}});
     });
-    internal::TableMaker table(folder_.voxel_size_m, folder_.attributes);
+    internal::TableMaker table(folder_.origin_W, folder_.voxel_size_m, folder_.attributes);
     folder_.visit(
         [&](const internal::PointFile& file, const SurfacePoint& point, std::span<const std::int32_t> carried) {
           ClassCount& count = classes_[static_cast<std::size_t>(point.label)][static_cast<std::size_t>(point.reason)];

@@ -45,11 +45,13 @@ std::string fixedText(double value, int decimals) {
 
 }  // namespace
 
-TableMaker::TableMaker(double voxel_size_m, std::vector<std::string> attributes)
-    : voxel_size_m_(voxel_size_m), names_(std::move(attributes)), rows_(names_.size()) {}
+TableMaker::TableMaker(const Eigen::Vector3d& origin_W, double voxel_size_m, std::vector<std::string> attributes)
+    : origin_W_(origin_W), voxel_size_m_(voxel_size_m), names_(std::move(attributes)), rows_(names_.size()) {}
 
 std::uint64_t TableMaker::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
-  const double area_m2 = areaOfPoint_m2(point.normal_W, voxel_size_m_);
+  // Voxels lie around whole numbers.
+  const Eigen::Vector3d voxels = (point.position_W - origin_W_) / voxel_size_m_ + Eigen::Vector3d::Constant(0.5);
+  const double area_m2 = areaOfPoint_m2(voxels - voxels.array().floor().matrix(), point.normal_W, voxel_size_m_);
   const auto steps = static_cast<std::uint64_t>(std::llround(area_m2 * stepsPer_m2(voxel_size_m_)));
   addPoint(point, steps, whole_);
   for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, rows_[c][carried[c]]);
@@ -103,7 +105,7 @@ ExactArea PointRow::allArea() const {
 PointTable pointTable(const std::filesystem::path& path, OutputCheck& check) {
   return readChecked(check, [&] {
     const internal::FieldFolder folder = internal::FieldFolder::open(path, check);
-    internal::TableMaker maker(folder.voxel_size_m, folder.attributes);
+    internal::TableMaker maker(folder.origin_W, folder.voxel_size_m, folder.attributes);
     folder.visit([&](const internal::PointFile&, const SurfacePoint& point, std::span<const std::int32_t> carried) {
       maker.add(point, carried);
       return true;

@@ -15,8 +15,8 @@ namespace accessvdb::internal {
 
 class TableMaker {
  public:
-  /// @param attributes  names of what points carry
-  TableMaker(double voxel_size_m, std::vector<std::string> attributes);
+  /// @param origin_W  of the map  @param attributes  names of what points carry
+  TableMaker(const Eigen::Vector3d& origin_W, double voxel_size_m, std::vector<std::string> attributes);
 
   /// @param carried  [attributes]
   /// @return the steps of ExactArea that the point stands for
@@ -24,6 +24,7 @@ class TableMaker {
   [[nodiscard]] io::PointTable finish() const;
 
  private:
+  Eigen::Vector3d origin_W_;
   double voxel_size_m_;
   std::vector<std::string> names_;
   io::PointRow whole_;
