@@ -67,9 +67,7 @@ io::ScanRecord recordOf(LiveScan& scan, const Ready& ready) {
   if (ready.registered) {
     record.points_W = std::move(scan.points_double);
     for (const Eigen::Vector3f& p : scan.points) record.points_W.push_back(p.cast<double>());
-    const Eigen::Isometry3d& T_W = ready.motion.T_W_registered;
-    if (!T_W.matrix().isIdentity(0))
-      for (Eigen::Vector3d& p : record.points_W) p = T_W * p;
+    io::moveRegistered(ready.motion.T_W_registered, record.points_W);
   } else {
     record.points_S = std::move(scan.points);
     for (const Eigen::Vector3d& p : scan.points_double) record.points_S.push_back(asFloat(p));

@@ -70,6 +70,23 @@ TEST_F(LasInputs, DeletedPointsAndNoiseAreLeftOut) {
   EXPECT_NE(none.program.err.find("Use --keep-noise"), std::string::npos) << none.program.err;
 }
 
+/// What makers write for "no return", in clouds in the world frame as in those of a sensor.
+TEST_F(LasInputs, PlacesAtExactlyZeroAreNoReturns) {
+  const std::vector<LasReturn> good = walkReturns(scans_);
+  writeWalk({}, good);
+  const MapOutcome right = mapWalk();
+  expectRight(right);
+  std::vector<LasReturn> with_zeros;
+  for (const LasReturn& one : good) {
+    with_zeros.push_back(one);
+    if (with_zeros.size() % 3 == 1) with_zeros.push_back({Eigen::Vector3d::Zero(), one.time});
+  }
+  writeWalk({}, with_zeros);
+  expectSame(mapWalk(), right);
+  EXPECT_EQ(nlohmann::json::parse(readText("out/report.json")).at("counts").at("dropped").at("no_return"),
+            with_zeros.size() - good.size());
+}
+
 TEST_F(LasInputs, FeetBecomeMetres) {
   writeWalk({}, walkReturns(scans_));
   const MapOutcome right = mapWalk();

@@ -79,6 +79,41 @@ TEST(LiveChoices, LabelsComeAfterEveryFewScansAndAtTheEnd) {
   EXPECT_THROW(LiveSession(test::armTool(), coarseParams(), options), InvalidArgument);
 }
 
+/// Drivers write (0,0,0) for "no return" into clouds in the world frame, too: a third of a real frame. As returns at
+/// the world's origin they would free the space between it and the sensor.
+TEST(LiveChoices, NoReturnStaysOneInRegisteredClouds) {
+  const std::vector<Scan> scans = test::wallScans(3, 6, 300);
+  for (const bool tilted : {false, true}) {
+    LiveOptions options;
+    if (tilted) options.level = io::Level{false, 0.3, -0.2};
+    LiveSession with(test::armTool(), coarseParams(), options), without(test::armTool(), coarseParams(), options);
+    for (std::size_t n = 0; n < scans.size(); ++n) {
+      LivePose pose = poseOf(scans[n], n);
+      pose.frame = "map";
+      LiveScan cloud = scanOf(scans[n], n);
+      cloud.frame = "map";
+      for (const Eigen::Vector3f& p_S : cloud.points) {
+        if (!p_S.isZero(0)) cloud.points_double.emplace_back(sentPose(pose) * p_S.cast<double>());
+      }
+      cloud.points.clear();
+      LiveScan padded = cloud;
+      const std::size_t returns = cloud.points_double.size();
+      for (std::size_t k = 0; k < returns / 2; ++k) padded.points_double.emplace_back(0, 0, 0);
+      const auto step = [&](LiveSession& session, LiveScan scan) {
+        session.addPose(pose);
+        session.addScan(std::move(scan));
+        return session.step();
+      };
+      const auto of_padded = step(with, std::move(padded)), of_cloud = step(without, std::move(cloud));
+      ASSERT_TRUE(of_padded && of_cloud);
+      EXPECT_EQ(of_padded->fused.points_used, of_cloud->fused.points_used);
+      EXPECT_EQ(of_padded->fused.dropped[static_cast<std::size_t>(DropReason::NoReturn)], returns / 2);
+    }
+    expectSameField(with.field(), without.field());
+    EXPECT_GT(with.field().snapshot().points.size(), 100U);
+  }
+}
+
 TEST(LiveChoices, WhatIsRemovedIsAsInAFieldThatIsFedDirectly) {
   const std::vector<Scan> scans = test::wallScans(3, 6, 300);
   LiveSession session(test::armTool(), coarseParams());

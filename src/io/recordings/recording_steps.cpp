@@ -383,8 +383,7 @@ ScanRecord RecordingSteps::read(std::size_t step) {
     const bool registered = uses_[indexed.frame].registered;
     if (registered) {
       bags::appendPoints(cloud, record.points_W);
-      if (!posed->T_W_cloud.matrix().isIdentity(0))
-        for (Eigen::Vector3d& p : record.points_W) p = posed->T_W_cloud * p;
+      moveRegistered(posed->T_W_cloud, record.points_W);
     } else {
       bags::appendPoints(cloud, record.points_S);
     }

@@ -140,13 +140,29 @@ Placed placeByTimes(const TimesOfScan& of, const PoseAtMillisecond& poseAt, Scan
   return Placed::ByTimes;
 }
 
+void moveRegistered(const Eigen::Isometry3d& T, std::vector<Eigen::Vector3d>& points) {
+  if (T.matrix().isIdentity(0)) return;
+  for (Eigen::Vector3d& p : points) {
+    if (!p.isZero(0)) p = T * p;
+  }
+}
+
 void placeAtOnce(bool registered, const std::optional<Eigen::AlignedBox3d>& exclude_box_S, ScanRecord& record) {
   if (exclude_box_S)
     record.excluded_points =
         registered
             ? leaveOutInside(*exclude_box_S, record.T_W_S.inverse(Eigen::Isometry), record.points_W, record.attributes)
             : leaveOutInside(*exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S, record.attributes);
-  if (registered) record.origins_W = {record.T_W_S.translation()};
+  if (!registered) return;
+  record.origins_W = {record.T_W_S.translation()};
+  placeNoReturns(record);
+}
+
+void placeNoReturns(ScanRecord& record) {
+  const std::size_t origins = record.origins_W.size();
+  for (std::size_t n = 0; n < record.points_W.size(); ++n) {
+    if (record.points_W[n].isZero(0)) record.points_W[n] = record.origins_W[origins == 1 ? 0 : n];
+  }
 }
 
 }  // namespace accessvdb::io

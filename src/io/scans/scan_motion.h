@@ -94,6 +94,14 @@ enum class Placed {
 /// @param record  with T_W_S of the sensor, and points_S, or points_W if they are registered
 [[nodiscard]] Placed placeByTimes(const TimesOfScan& times, const PoseAtMillisecond& poseAt, ScanRecord& record);
 
+/// Points that are where they were measured, from one world to another. (0,0,0), which drivers write for "no return"
+/// into such clouds too, stays what it is until the scan is placed.
+void moveRegistered(const Eigen::Isometry3d& T, std::vector<Eigen::Vector3d>& points);
+
+/// Rays to exactly (0,0,0) are no returns, in the world frame either: as returns they would free what lies between the
+/// sensor and the world's origin. They end where they begin.
+void placeNoReturns(ScanRecord& record);
+
 /// The same for a scan that counts as measured at one moment.
 void placeAtOnce(bool registered, const std::optional<Eigen::AlignedBox3d>& exclude_box_S, ScanRecord& record);
 

@@ -449,6 +449,7 @@ ScanRecord ScanSequence::read(std::size_t step) {
   ScanRecord record = impl_->recording ? impl_->recording->read(step)
                       : impl_->clouds  ? impl_->clouds->read(step)
                                        : impl_->readScan(step);
+  if (impl_->clouds) placeNoReturns(record);
   if (!record.skipped.empty()) impl_->skipped.add(step, record.skipped, impl_->size());
   impl_->missing.note(record.attributes, impl_->options.carry, step);
   return record;
