@@ -49,8 +49,7 @@ TableMaker::TableMaker(double voxel_size_m, std::vector<std::string> attributes)
     : voxel_size_m_(voxel_size_m), names_(std::move(attributes)), rows_(names_.size()) {}
 
 std::uint64_t TableMaker::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
-  const double area_m2 = areaOfPoint_m2(point.normal_W, voxel_size_m_);
-  const auto steps = static_cast<std::uint64_t>(std::llround(area_m2 * stepsPer_m2(voxel_size_m_)));
+  const std::uint64_t steps = io::areaOf(point, voxel_size_m_).steps;
   addPoint(point, steps, whole_);
   for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, rows_[c][carried[c]]);
   return steps;
@@ -77,6 +76,11 @@ io::PointTable TableMaker::finish() const {
 }  // namespace accessvdb::internal
 
 namespace accessvdb::io {
+
+ExactArea areaOf(const SurfacePoint& point, double voxel_size_m) {
+  const double area_m2 = internal::areaOfPoint_m2(point.normal_W, voxel_size_m);
+  return {static_cast<std::uint64_t>(std::llround(area_m2 * internal::stepsPer_m2(voxel_size_m)))};
+}
 
 double ExactArea::m2(double voxel_size_m) const {
   return static_cast<double>(steps) / internal::stepsPer_m2(voxel_size_m);

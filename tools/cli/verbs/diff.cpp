@@ -9,15 +9,14 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/output_check.h"
-#include "accessvdb/program/path_facts.h"
 #include "accessvdb/program/points_diff.h"
-#include "accessvdb/tiles.h"
 #include "options/command_line.h"
 #include "options/options.h"
 #include "output/json_text.h"
 #include "output/output_files.h"
 #include "output/stop_signal.h"
 #include "runs/checked_results.h"
+#include "runs/point_files.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -26,28 +25,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-/// The points.ply of a folder of either kind: one, or one per tile. Begins to hash them.
-std::vector<fs::path> pointFilesOf(const fs::path& map, io::OutputCheck& check, Messages& messages) {
-  if (tiles::hasIndex(map)) {
-    const tiles::Index index = tiles::readIndex(map, check);
-    if (!index.complete) {
-      throw UnusableInput("diff.unfinished", map.string(), "not all of its tiles are finished",
-                          "Run accessvdb tile run and accessvdb tile merge first: what is missing would count as gone");
-    }
-    std::vector<fs::path> files;
-    for (const tiles::IndexedTile& tile : index.tiles) {
-      tiles::beginCheck(check, tile, {"points.ply"});
-      files.push_back(tile.folder / "points.ply");
-    }
-    if (files.empty()) messages.warning("field.empty", map.string() + " holds no tiles");
-    return files;
-  }
-  if (!io::isFolder(map)) {
-    throw InputError("input.missing", map.string(), "no such folder", "Name the output folder of accessvdb map");
-  }
-  check.begin(map, {"points.ply"});
-  return {map / "points.ply"};
-}
+constexpr const char* kWhyWhole = "what is missing would count as gone";
 
 Json jsonDiff(const io::PointsDiff& diff) {
   Json json = {{"match", diff.match == io::PointMatch::SameVoxel ? "same voxel" : "nearest within one voxel"},
@@ -158,8 +136,8 @@ int runDiff(const Arguments& arguments, Messages& messages) {
   }
 
   io::OutputCheck check(allow_changed);
-  const std::vector<fs::path> files_before = pointFilesOf(before, check, messages);
-  const std::vector<fs::path> files_after = pointFilesOf(after, check, messages);
+  const std::vector<fs::path> files_before = pointFilesOf(before, "diff", kWhyWhole, check, messages);
+  const std::vector<fs::path> files_after = pointFilesOf(after, "diff", kWhyWhole, check, messages);
   const io::PointsDiff diff = io::readChecked(check, [&] { return io::diffPoints(files_before, files_after); });
   sayFindings(check, messages);
   warnIfApart(diff, messages);
