@@ -191,6 +191,7 @@ bool isOwn(const fs::path& output) {
     return !error && written <= reported;
   }
   if (kind == ".tif") return (begins("II*") || begins("II+")) && has("AccessVDB ");
+  if (kind == ".mcap") return begins("\x89MCAP0\r\n") && begins("AccessVDB ", 25);
   if (kind == ".gpkg") return begins("SQLite format 3") && has("accessible points, written by AccessVDB");
   if (kind == ".csv") return begins(io::kTableBegin);
   if (kind == ".md")
