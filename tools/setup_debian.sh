@@ -7,6 +7,7 @@
 #   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
 #   setup_debian.sh --python  also what the Python module needs
 #   setup_debian.sh --live    also Fast DDS, for the verb live
+#   setup_debian.sh --gis     also GDAL, for export --raster and --vector
 #   setup_debian.sh --lab     also Embree and Qhull, for accessvdb-lab
 #   setup_debian.sh --tests   also what the test suite needs, all of these included; with npm, the packages of
 #                             tests/recordings/package.json in build/npm
@@ -29,11 +30,12 @@ packages=(
   libpng-dev libssl-dev nlohmann-json3-dev              # pictures, hashes, reports
   libcli11-dev libtomlplusplus-dev                      # the command line
 )
+gis=(libgdal-dev)
 live=(libfastrtps-dev libfastcdr-dev)
 lab=(libembree-dev libqhull-dev)
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
 tests=(blender libgtest-dev libbenchmark-dev binutils bzip2 ccache mold clang-format cyclonedds-dev cyclonedds-tools
-  dpkg-dev file libopenvdb-tools lz4
+  dpkg-dev file gdal-bin libopenvdb-tools lz4
   mmdebstrap mypy proj-bin python3-distributed python3-nav-msgs python3-openvdb python3-rosbag python3-sensor-msgs
   python3-tf2-msgs sqlite3 zstd)
 # Ubuntu's Chromium is a snap, which cannot be driven from outside; tests that draw pages are skipped there.
@@ -45,12 +47,13 @@ for argument in "$@"; do
     --pcl) packages+=(libpcl-dev) ;;
     --python) packages+=("${python[@]}") ;;
     --live) packages+=("${live[@]}") ;;
+    --gis) packages+=("${gis[@]}") ;;
     --lab) packages+=("${lab[@]}") ;;
     --tests | --all)
       with_tests=true
-      packages+=(libpcl-dev "${python[@]}" "${live[@]}" "${lab[@]}" "${tests[@]}")
+      packages+=(libpcl-dev "${python[@]}" "${live[@]}" "${gis[@]}" "${lab[@]}" "${tests[@]}")
       ;;
-    *) fail "unknown option '$argument'. Use --pcl, --python, --live, --lab, --tests, --all, --list or nothing." ;;
+    *) fail "unknown option '$argument'. Use --pcl, --python, --live, --gis, --lab, --tests, --all, --list or nothing." ;;
   esac
 done
 mapfile -t packages < <(printf '%s\n' "${packages[@]}" | awk '!seen[$0]++')

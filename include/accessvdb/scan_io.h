@@ -165,6 +165,10 @@ class ACCESSVDB_API ScanSequence {
 /// a file with such text, which it checks if it is installed. @throws InputError "las.crs", "input.geographic",
 /// "input.unit"
 [[nodiscard]] ACCESSVDB_API std::string crsWkt(const std::string& crs);
+/// The same with its unit.
+[[nodiscard]] ACCESSVDB_API SurveyFrame crsFrame(const std::string& crs);
+/// What a LAS file says of its coordinate system. @throws InputError
+[[nodiscard]] ACCESSVDB_API SurveyFrame frameOfLas(const std::filesystem::path& file);
 
 /// Lower-case hexadecimal SHA-256 of a file. @throws InputError
 [[nodiscard]] ACCESSVDB_API std::string sha256OfFile(const std::filesystem::path& path);

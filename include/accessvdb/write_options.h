@@ -3,6 +3,8 @@
 /// How the files of a field are written: size, compression and up axis of the .vdb files, and what comes beside them.
 #pragma once
 
+#include <cstdint>
+
 #include "accessvdb/export.h"
 #include "accessvdb/survey_frame.h"
 
@@ -23,6 +25,9 @@ enum class UpAxis { Z, Y };
 
 struct WriteOptions {
   bool half_float = false;  ///< 16-bit floats: all float grids except `score` and `weight`, which are counts
+  /// With half_float: receives how many bytes field.vdb would have with 32-bit floats. Its float grids are then written
+  /// twice, the second time to be counted.
+  std::uint64_t* full_bytes = nullptr;
   Compression compression = Compression::Auto;
   UpAxis up_axis = UpAxis::Z;  ///< of field.vdb and field_points.vdb; points.ply is always in the world frame
   bool points_las = false;     ///< also write points.las, for programs of surveyors

@@ -49,10 +49,7 @@ TableMaker::TableMaker(const Eigen::Vector3d& origin_W, double voxel_size_m, std
     : origin_W_(origin_W), voxel_size_m_(voxel_size_m), names_(std::move(attributes)), rows_(names_.size()) {}
 
 std::uint64_t TableMaker::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
-  // Voxels lie around whole numbers.
-  const Eigen::Vector3d voxels = (point.position_W - origin_W_) / voxel_size_m_ + Eigen::Vector3d::Constant(0.5);
-  const double area_m2 = areaOfPoint_m2(voxels - voxels.array().floor().matrix(), point.normal_W, voxel_size_m_);
-  const auto steps = static_cast<std::uint64_t>(std::llround(area_m2 * stepsPer_m2(voxel_size_m_)));
+  const std::uint64_t steps = io::areaOf(point, origin_W_, voxel_size_m_).steps;
   addPoint(point, steps, whole_);
   for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, rows_[c][carried[c]]);
   return steps;
@@ -79,6 +76,14 @@ io::PointTable TableMaker::finish() const {
 }  // namespace accessvdb::internal
 
 namespace accessvdb::io {
+
+ExactArea areaOf(const SurfacePoint& point, const Eigen::Vector3d& origin_W, double voxel_size_m) {
+  // Voxels lie around whole numbers.
+  const Eigen::Vector3d voxels = (point.position_W - origin_W) / voxel_size_m + Eigen::Vector3d::Constant(0.5);
+  const Eigen::Vector3d place = voxels - voxels.array().floor().matrix();
+  const double area_m2 = internal::areaOfPoint_m2(place, point.normal_W, voxel_size_m);
+  return {static_cast<std::uint64_t>(std::llround(area_m2 * internal::stepsPer_m2(voxel_size_m)))};
+}
 
 double ExactArea::m2(double voxel_size_m) const {
   return static_cast<double>(steps) / internal::stepsPer_m2(voxel_size_m);

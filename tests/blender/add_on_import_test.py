@@ -4,13 +4,15 @@
 
 import json
 import os
+import re
+import shutil
 import unittest
 import zipfile
 
 import bpy
 import numpy as np
 
-from accessvdb_import.points_ply import NO_SCORE, read_points
+from accessvdb_import.points_ply import NO_SCORE, REASONS, read_points
 from field_under_test import FIELD, FIELD_IN_TILES, GRIDS, POINTS, SOURCE, VOLUME, WORK, run_tests
 
 MODULE = "accessvdb_import"
@@ -21,7 +23,7 @@ def zip_of_add_on():
     folder = os.path.join(SOURCE, "tools", "blender")
     with zipfile.ZipFile(path, "w") as archive:
         for name in sorted(os.listdir(os.path.join(folder, MODULE))):
-            if name.endswith(".py"):
+            if name.endswith((".py", ".toml")):
                 archive.write(os.path.join(folder, MODULE, name), f"{MODULE}/{name}")
     return path
 
@@ -131,6 +133,49 @@ class AddOnImport(unittest.TestCase):
         linear = colours.reshape(-1, 4)[:, :3].astype(float)
         srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
         np.testing.assert_array_equal(np.rint(255 * srgb), self.points.columns("red", "green", "blue"))
+
+    def test_reasons_have_the_colours_of_the_pictures(self):
+        material = self.imported()["MESH"].data.materials[0]
+        group, = (node.node_tree for node in material.node_tree.nodes if node.type == "GROUP")
+        ramp, = (node.color_ramp for node in group.nodes if node.type == "VALTORGB")
+        attribute, = (node for node in group.nodes if node.type == "ATTRIBUTE")
+        self.assertEqual(attribute.attribute_name, "reason")
+        # As the program has them.
+        with open(os.path.join(SOURCE, "src", "io", "results", "label_colours.h"), encoding="utf-8") as stream:
+            of_reason = stream.read().split("colourOf(PointReason reason)")[1]
+        cases = dict(re.findall(r"case PointReason::(\w+):\s+return \{([\d, ]+)\}", of_reason))
+        for number, name in enumerate(REASONS):
+            expected = [int(byte) for byte in cases.get(name.capitalize(), "150, 152, 156").split(",")]
+            linear = np.array(ramp.evaluate((number + 0.5) / len(REASONS))[:3])
+            srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
+            self.assertEqual(np.rint(255 * srgb).astype(int).tolist(), expected, name)
+        mix = material.node_tree.nodes["By reason"]
+        self.assertEqual(mix.inputs[0].default_value, 0.0)
+        base, = (node.inputs["Base Color"] for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+        self.assertEqual(base.links[0].from_node, mix)
+        # What is linked is what its type of data uses: the colour of the points first, then that of the reason.
+        used = [socket for socket in mix.inputs if socket.enabled and socket.is_linked]
+        self.assertEqual([socket.links[0].from_node.type for socket in used], ["ATTRIBUTE", "GROUP"])
+
+    def test_what_the_returns_carried_is_an_attribute(self):
+        with open(POINTS, "rb") as stream:
+            header, rows = stream.read().split(b"\nend_header\n", 1)
+        header = header.replace(b"\nelement vertex", b"\ncomment carry tree_id\nelement vertex") + b"\nproperty int tree_id"
+        records = self.points.records
+        wide = np.empty(len(records), np.dtype(records.dtype.descr + [("tree_id", "<i4")]))
+        for name in records.dtype.names:
+            wide[name] = records[name]
+        wide["tree_id"] = np.arange(len(records)) - 7
+        folder = os.path.join(WORK, "carried")
+        os.makedirs(folder, exist_ok=True)
+        shutil.copy(VOLUME, folder)
+        with open(os.path.join(folder, "points.ply"), "wb") as stream:
+            stream.write(header + b"\nend_header\n" + wide.tobytes())
+        mesh = self.imported(os.path.join(folder, "points.ply"), with_volume=False)["MESH"].data
+        values = np.empty(len(records), np.int32)
+        mesh.attributes["tree_id"].data.foreach_get("value", values)
+        np.testing.assert_array_equal(values, wide["tree_id"])
+        np.testing.assert_array_equal(rows[:8], wide.tobytes()[:8])
 
     def test_the_points_are_drawn_one_ball_each_of_half_a_voxel(self):
         thing = self.imported()["MESH"]

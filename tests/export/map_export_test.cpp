@@ -57,6 +57,12 @@ TEST_F(MapExport, OptionsChangeTheVdbFilesAndNoLabel) {
       {"--surface"},
       {"--half", "--compression", "zip", "--up-axis", "y", "--surface"}};
   const auto plain = readVdb(path("plain/field.vdb"));
+  const auto mebibytes = [this](const std::string& file) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.1f MiB",
+                  static_cast<double>(std::filesystem::file_size(path(file))) / (1 << 20));
+    return std::string(text);
+  };
   int n = 0;
   for (std::vector<std::string> run : runs) {
     SCOPED_TRACE(run.front());
@@ -64,6 +70,11 @@ TEST_F(MapExport, OptionsChangeTheVdbFilesAndNoLabel) {
     run.insert(run.end(), {"--out", path(out)});
     map(run);
     EXPECT_EQ(records(out + "/points.ply"), records("plain/points.ply")) << "labels must be the same bits";
+    if (n == 1) {
+      const std::string report = readText(out + "/report.json");
+      EXPECT_NE(report.find("field.vdb with 16-bit floats has " + mebibytes(out + "/field.vdb")), std::string::npos);
+      EXPECT_NE(report.find("less than the " + mebibytes("plain/field.vdb") + " without"), std::string::npos);
+    }
     const auto grids = readVdb(path(out + "/field.vdb"));
     for (const char* name : {"accessible", "blocked", "score", "weight", "cleared", "density"}) {
       test::expectBitEqual(*named(*plain, name), *named(*grids, name));

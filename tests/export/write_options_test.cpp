@@ -163,8 +163,11 @@ TEST(WriteOptions, HalfFloatsAreTheNearestHalvesAndCountsStayExact) {
   EXPECT_TRUE(named(*half, "surface")->saveFloatAsHalf());
   EXPECT_TRUE(named(*half, "best_direction")->saveFloatAsHalf());
   options.surface = false;
+  std::uint64_t full_bytes = 0;
+  options.full_bytes = &full_bytes;
   EXPECT_LT(std::filesystem::file_size(write(folder, "half.vdb", options)),
             std::filesystem::file_size(folder / "full.vdb"));
+  EXPECT_EQ(full_bytes, std::filesystem::file_size(folder / "full.vdb"));
 }
 
 TEST(WriteOptions, YUpTurnsTransformsAndVectorsAndNothingElse) {

@@ -42,7 +42,8 @@ tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool fi
 report   std api eigen tool io zlib openssl json
 capi     std api eigen
 dds      std api eigen bags io fastdds
-tools    std posix api grids eigen cli toml json dds
+gis      std posix api eigen gdal
+tools    std posix api grids eigen cli toml json dds gis
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture
 lab      std posix api grids eigen json tools sim eval
@@ -106,7 +107,7 @@ check_includes() {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
                 "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
                 "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json " \
-                "bzlib.h:bzip2 lz4frame.h:lz4 sqlite3.h:sqlite zlib.h:zlib zstd.h:zstd fastdds:fastdds fastrtps:fastdds", pairs, " ")
+                "bzlib.h:bzip2 lz4frame.h:lz4 sqlite3.h:sqlite zlib.h:zlib zstd.h:zstd fastdds:fastdds fastrtps:fastdds gdal.h:gdal ogr_api.h:gdal ogr_srs_api.h:gdal", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h malloc.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
       for (i = 1; i <= n; ++i) posix[names[i]] = 1

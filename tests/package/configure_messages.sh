@@ -40,6 +40,8 @@ configure 1 "The tests need the lab." -DACCESSVDB_BUILD_TESTS=ON -DACCESSVDB_LAB
 configure 1 "ACCESSVDB_DDS is 'MAYBE'. Use AUTO (if Fast DDS is found), ON or OFF." -DACCESSVDB_DDS=MAYBE -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_DDS is ON, but Fast DDS 2.6 or later was not found. On Debian and Ubuntu: apt install libfastrtps-dev" \
   -DACCESSVDB_DDS=ON -DCMAKE_DISABLE_FIND_PACKAGE_fastrtps=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+configure 1 "ACCESSVDB_GDAL is ON, but gdal.h was not found. On Debian and Ubuntu: apt install libgdal-dev" \
+  -DACCESSVDB_GDAL=ON -DCMAKE_IGNORE_PATH=/usr/include/gdal -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_CUDA is 'MAYBE'. Use AUTO (if nvcc is found), ON or OFF." -DACCESSVDB_CUDA=MAYBE -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_PYTHON is 'MAYBE'. Use AUTO" -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF -DACCESSVDB_PYTHON=MAYBE
 configure 1 "(nvcc and its static runtime) was not found. Install NVIDIA's CUDA toolkit" -DACCESSVDB_CUDA=ON -DACCESSVDB_PCL=OFF

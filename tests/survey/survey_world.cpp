@@ -4,11 +4,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <iterator>
 #include <sstream>
+#include <utility>
 
 #include "large/walk_scans.h"
 
@@ -111,6 +114,57 @@ Exact exactly(const std::string& decimal, int decimals) {
   EXPECT_LE(behind, static_cast<std::size_t>(decimals)) << decimal;
   digits.append(static_cast<std::size_t>(decimals) - behind, '0');
   return std::stoull(digits);
+}
+
+Vector originOf(const Ply& points) {
+  Vector origin = {};
+  const std::size_t at = points.header.find("comment origin_W ");
+  EXPECT_EQ(std::sscanf(points.header.c_str() + at, "comment origin_W %lf %lf %lf", &origin[0], &origin[1], &origin[2]),
+            3);
+  return origin;
+}
+
+double sectionOf(const Vector& p, const Vector& n, const Vector& origin, double v) {
+  const auto dot = [](const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
+  const auto cross = [](const Vector& a, const Vector& b) {
+    return Vector{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+  };
+  if (dot(n, n) == 0) return 0.941 * v * v;
+  Vector place;
+  for (std::size_t k = 0; k < 3; ++k) {
+    place[k] = (p[k] - origin[k]) / v + 0.5;  // voxels lie around whole numbers
+    place[k] = std::clamp(place[k] - std::floor(place[k]), 1e-6, 1 - 1e-6);
+  }
+  Vector u = cross(n, std::abs(n[0]) < 0.9 ? Vector{1, 0, 0} : Vector{0, 1, 0});
+  const double length = std::sqrt(dot(u, u));
+  for (double& x : u) x /= length;
+  const Vector w = cross(n, u);
+  std::vector<Vector> corners;
+  for (const auto& [along, across] : {std::pair{3, 3}, {-3, 3}, {-3, -3}, {3, -3}}) {
+    corners.push_back({place[0] + along * u[0] + across * w[0], place[1] + along * u[1] + across * w[1],
+                       place[2] + along * u[2] + across * w[2]});
+  }
+  for (std::size_t face = 0; face < 6; ++face) {
+    const auto inside = [&](const Vector& q) { return face < 3 ? q[face] : 1 - q[face - 3]; };
+    std::vector<Vector> left;
+    for (std::size_t k = 0; k < corners.size(); ++k) {
+      const Vector &a = corners[k], &b = corners[(k + 1) % corners.size()];
+      const double of_a = inside(a), of_b = inside(b);
+      if (of_a >= 0) left.push_back(a);
+      if ((of_a >= 0) == (of_b >= 0)) continue;
+      const double t = of_a / (of_a - of_b);
+      left.push_back({a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])});
+    }
+    corners = left;
+  }
+  Vector twice = {};
+  for (std::size_t k = 1; k + 1 < corners.size(); ++k) {
+    Vector a, b;
+    for (std::size_t i = 0; i < 3; ++i) a[i] = corners[k][i] - corners[0][i], b[i] = corners[k + 1][i] - corners[0][i];
+    const Vector part = cross(a, b);
+    for (std::size_t i = 0; i < 3; ++i) twice[i] += part[i];
+  }
+  return std::sqrt(dot(twice, twice)) / 2 * v * v;
 }
 
 }  // namespace accessvdb::survey_test

@@ -3,6 +3,7 @@
 /// A plot with labels, and the results as a reader of its own sees them.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -23,6 +24,12 @@ struct Ply {
   std::string header;
   std::size_t rows = 0;
 };
+
+using Vector = std::array<double, 3>;
+/// What the header says.
+[[nodiscard]] Vector originOf(const Ply& points);
+/// docs/report.md, "Area": a large square in the plane, cut to the voxel of edge v face by face.
+[[nodiscard]] double sectionOf(const Vector& p, const Vector& n, const Vector& origin, double v);
 
 /// A CSV with a line of names: rows by name of column.
 [[nodiscard]] std::vector<std::map<std::string, std::string>> parsedCsv(const std::string& text);

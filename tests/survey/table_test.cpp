@@ -26,52 +26,6 @@ namespace {
 using large_test::Flags;
 using Row = std::map<std::string, std::string>;
 
-using Vector = std::array<double, 3>;
-
-/// docs/report.md, "Area": a large square in the plane, cut to the voxel of edge v face by face.
-double sectionOf(const Vector& p, const Vector& n, const Vector& origin, double v) {
-  const auto dot = [](const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
-  const auto cross = [](const Vector& a, const Vector& b) {
-    return Vector{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-  };
-  if (dot(n, n) == 0) return 0.941 * v * v;
-  Vector place;
-  for (std::size_t k = 0; k < 3; ++k) {
-    place[k] = (p[k] - origin[k]) / v + 0.5;  // voxels lie around whole numbers
-    place[k] = std::clamp(place[k] - std::floor(place[k]), 1e-6, 1 - 1e-6);
-  }
-  Vector u = cross(n, std::abs(n[0]) < 0.9 ? Vector{1, 0, 0} : Vector{0, 1, 0});
-  const double length = std::sqrt(dot(u, u));
-  for (double& x : u) x /= length;
-  const Vector w = cross(n, u);
-  std::vector<Vector> corners;
-  for (const auto& [along, across] : {std::pair{3, 3}, {-3, 3}, {-3, -3}, {3, -3}}) {
-    corners.push_back({place[0] + along * u[0] + across * w[0], place[1] + along * u[1] + across * w[1],
-                       place[2] + along * u[2] + across * w[2]});
-  }
-  for (std::size_t face = 0; face < 6; ++face) {
-    const auto inside = [&](const Vector& q) { return face < 3 ? q[face] : 1 - q[face - 3]; };
-    std::vector<Vector> left;
-    for (std::size_t k = 0; k < corners.size(); ++k) {
-      const Vector &a = corners[k], &b = corners[(k + 1) % corners.size()];
-      const double of_a = inside(a), of_b = inside(b);
-      if (of_a >= 0) left.push_back(a);
-      if ((of_a >= 0) == (of_b >= 0)) continue;
-      const double t = of_a / (of_a - of_b);
-      left.push_back({a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])});
-    }
-    corners = left;
-  }
-  Vector twice = {};
-  for (std::size_t k = 1; k + 1 < corners.size(); ++k) {
-    Vector a, b;
-    for (std::size_t i = 0; i < 3; ++i) a[i] = corners[k][i] - corners[0][i], b[i] = corners[k + 1][i] - corners[0][i];
-    const Vector part = cross(a, b);
-    for (std::size_t i = 0; i < 3; ++i) twice[i] += part[i];
-  }
-  return std::sqrt(dot(twice, twice)) / 2 * v * v;
-}
-
 class Table : public large_test::TiledTest {
  protected:
   void SetUp() override {
@@ -95,10 +49,7 @@ TEST_F(Table, RowsAreSumsOverThePoints) {
     double unscored_m2 = 0;
   };
   std::map<std::string, std::map<double, Sum>> sums;
-  Vector origin_W = {};
-  ASSERT_EQ(std::sscanf(points.header.c_str() + points.header.find("comment origin_W "), "comment origin_W %lf %lf %lf",
-                        &origin_W[0], &origin_W[1], &origin_W[2]),
-            3);
+  const Vector origin_W = originOf(points);
   const auto at = [&](const char* name, std::size_t n) { return points.column.at(name)[n]; };
   for (std::size_t n = 0; n < points.rows; ++n) {
     const double area_m2 =

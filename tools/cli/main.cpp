@@ -40,6 +40,7 @@ int main(int argc, char** argv) {
        {"whatif", "what a cut would open, and in which order to cut", runWhatIf},
        {"render", "a picture of a field or of a tool, no display needed", runRender},
        {"report", "a field as one page for a browser, no network needed", runReport},
+       {"export", "a field for QGIS, Foxglove and Rerun", runExport},
        {"simulate", "", refuseSimulate},
        {"evaluate", "", runOrRefuseEvaluate},
        {"bench", "", refuseBench}},

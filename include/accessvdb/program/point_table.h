@@ -30,6 +30,10 @@ struct ACCESSVDB_API ExactArea {
   [[nodiscard]] std::string text(double voxel_size_m) const;
 };
 
+/// Of the surface that a point stands for (docs/report.md, "Area"). @param origin_W  of the map
+[[nodiscard]] ACCESSVDB_API ExactArea areaOf(const SurfacePoint& point, const Eigen::Vector3d& origin_W,
+                                             double voxel_size_m);
+
 struct ACCESSVDB_API PointRow {
   std::string attribute = {};           ///< empty: the whole field
   std::optional<std::int32_t> id = {};  ///< nothing: the whole, or points without the attribute

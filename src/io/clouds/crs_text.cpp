@@ -34,7 +34,9 @@ std::string byProj(const std::string& definition, const std::string& crs) {
 
 }  // namespace
 
-std::string crsWkt(const std::string& crs) {
+std::string crsWkt(const std::string& crs) { return crsFrame(crs).wkt; }
+
+SurveyFrame crsFrame(const std::string& crs) {
   const bool proj = isInstalled(kProjInfo);
   std::string wkt;
   if (isFile(crs)) {
@@ -56,7 +58,11 @@ std::string crsWkt(const std::string& crs) {
     throw InputError("las.crs", forMessage(crs), "names no unit of length that can be read",
                      "Use a projected coordinate system");
   }
-  return wkt;
+  SurveyFrame frame;
+  frame.wkt = wkt;
+  frame.wkt_counts = true;
+  frame.unit_m = units.metres;
+  return frame;
 }
 
 }  // namespace accessvdb::io

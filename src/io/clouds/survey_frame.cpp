@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "accessvdb/survey_frame.h"
 
+#include "accessvdb/scan_io.h"
+#include "io/clouds/point_cloud.h"
 #include "io/streams/sha256.h"
 
 namespace accessvdb {
@@ -16,5 +18,7 @@ std::string SurveyFrame::systemSha256() const {
   }
   return internal::hexOf(sha256.digest());
 }
+
+SurveyFrame io::frameOfLas(const std::filesystem::path& file) { return *openCloud(file, ScanKind::Las, {})->frame(); }
 
 }  // namespace accessvdb

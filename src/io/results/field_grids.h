@@ -23,8 +23,9 @@ struct LazyGrid {
 };
 
 /// Writes grids one after the other: only one is in memory at a time. With offsets if the stream can seek.
+/// @param full_bytes  if not null, receives the bytes of the same file with 32-bit floats
 void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
-                io::Compression compression = io::Compression::Auto);
+                io::Compression compression = io::Compression::Auto, std::uint64_t* full_bytes = nullptr);
 
 /// OpenVDB's flags for a compression, given the available codecs. @throws InvalidArgument for a missing one
 [[nodiscard]] std::uint32_t compressionFlags(io::Compression compression, bool has_blosc, bool has_zip);

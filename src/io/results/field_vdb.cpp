@@ -184,8 +184,9 @@ void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volum
   }
   const FieldGrids grids(volume, points, options, std::move(kind));
   const auto file_metadata = fieldMetadata(points, metadata, options);
-  io::writeFileDurably(
-      path, [&](std::ostream& stream) { writeGrids(stream, grids.list(), file_metadata, options.compression); });
+  io::writeFileDurably(path, [&](std::ostream& stream) {
+    writeGrids(stream, grids.list(), file_metadata, options.compression, options.full_bytes);
+  });
 }
 
 }  // namespace accessvdb::internal

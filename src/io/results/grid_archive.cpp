@@ -12,9 +12,12 @@
 #include <malloc.h>
 #endif
 
+#include <cstdint>
+#include <memory>
 #include <ostream>
 #include <set>
 #include <sstream>
+#include <streambuf>
 #include <string>
 
 #include "accessvdb/error.h"
@@ -38,6 +41,23 @@ void giveFreedMemoryBack() {
 #endif
 }
 
+/// Counts what is written to it.
+class CountingBuffer : public std::streambuf {
+ public:
+  [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+
+ private:
+  int_type overflow(int_type c) override {
+    ++bytes_;
+    return traits_type::not_eof(c);
+  }
+  std::streamsize xsputn(const char*, std::streamsize count) override {
+    bytes_ += static_cast<std::uint64_t>(count);
+    return count;
+  }
+  std::uint64_t bytes_ = 0;
+};
+
 class GridArchive : public openvdb::io::Archive {
  public:
   explicit GridArchive(std::uint32_t compression_flags) {
@@ -47,7 +67,9 @@ class GridArchive : public openvdb::io::Archive {
   [[nodiscard]] openvdb::io::Archive::Ptr copy() const override { return std::make_shared<GridArchive>(*this); }
 
   /// Gives the file a UUID made from its content. Where the stream cannot seek, it is made from the metadata alone.
-  void writeAll(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata) const {
+  /// @param saved  if not null, by how many bytes the file is smaller than with 32-bit floats
+  void writeAll(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
+                std::int64_t* saved) const {
     // With offsets a reader can fetch one grid by name without reading the others.
     const bool seekable = stream.tellp() != std::ostream::pos_type(-1);
     std::ostringstream made;
@@ -65,7 +87,7 @@ class GridArchive : public openvdb::io::Archive {
       Sha256 sha256;
       sha256.update(text.str().data(), text.str().size());
       stream << header << uuidOf(sha256.digest());
-      writeBehindHeader(stream, grids, metadata, seekable);
+      writeBehindHeader(stream, grids, metadata, seekable, saved);
       return;
     }
     const std::ostream::pos_type begin = stream.tellp();
@@ -73,7 +95,7 @@ class GridArchive : public openvdb::io::Archive {
     DigestBuffer buffer(*stream.rdbuf());
     std::ostream digested(&buffer);
     digested.exceptions(stream.exceptions());
-    writeBehindHeader(digested, grids, metadata, seekable);
+    writeBehindHeader(digested, grids, metadata, seekable, saved);
     digested.flush();
     const std::ostream::pos_type end = stream.tellp();
     stream.seekp(begin + static_cast<std::streamoff>(uuid_at));
@@ -85,7 +107,7 @@ class GridArchive : public openvdb::io::Archive {
   static constexpr std::size_t kUuidLength = 36;
 
   void writeBehindHeader(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
-                         bool seekable) const {
+                         bool seekable, std::int64_t* saved) const {
     auto stream_metadata = std::make_shared<openvdb::io::StreamMetadata>();
     openvdb::io::setStreamMetadataPtr(stream, stream_metadata, false);
     // writeGrid() asks the stream, not the archive: box, voxel count and compression of each grid, for quick readers.
@@ -99,11 +121,29 @@ class GridArchive : public openvdb::io::Archive {
       grid->setCreator("AccessVDB " + programVersion());
       openvdb::io::GridDescriptor descriptor(lazy.name, grid->type(), grid->saveFloatAsHalf());
       writeGrid(descriptor, grid, stream, seekable);
+      if (saved != nullptr && grid->saveFloatAsHalf()) {
+        const std::uint64_t half = bytesOf(lazy.name, grid);
+        grid->setSaveFloatAsHalf(false);
+        *saved += static_cast<std::int64_t>(bytesOf(lazy.name, grid)) - static_cast<std::int64_t>(half);
+      }
       const bool is_large = grid->memUsage() >= kLargeGridBytes;
       grid.reset();
       if (is_large) giveFreedMemoryBack();
     }
     openvdb::io::clearStreamMetadataPtr(stream);
+  }
+
+  /// What it takes in a file.
+  [[nodiscard]] std::uint64_t bytesOf(const std::string& name, const openvdb::GridBase::Ptr& grid) const {
+    CountingBuffer buffer;
+    std::ostream stream(&buffer);
+    auto stream_metadata = std::make_shared<openvdb::io::StreamMetadata>();
+    openvdb::io::setStreamMetadataPtr(stream, stream_metadata, false);
+    openvdb::io::setWriteGridStatsMetadata(stream, isGridStatsMetadataEnabled());
+    openvdb::io::GridDescriptor descriptor(name, grid->type(), grid->saveFloatAsHalf());
+    writeGrid(descriptor, grid, stream, false);
+    openvdb::io::clearStreamMetadataPtr(stream);
+    return buffer.bytes();
   }
 };
 
@@ -139,9 +179,13 @@ std::uint32_t compressionFlags(io::Compression compression) {
 }
 
 void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
-                io::Compression compression) {
+                io::Compression compression, std::uint64_t* full_bytes) {
   openvdb::initialize();
-  GridArchive(compressionFlags(compression)).writeAll(stream, grids, metadata);
+  const std::ostream::pos_type begin = stream.tellp();
+  std::int64_t saved = 0;
+  GridArchive(compressionFlags(compression))
+      .writeAll(stream, grids, metadata, full_bytes == nullptr ? nullptr : &saved);
+  if (full_bytes != nullptr) *full_bytes = static_cast<std::uint64_t>(stream.tellp() - begin + saved);
 }
 
 openvdb::MetaMap fieldMetadata(const SurfacePoints& points, const io::FieldMetadata& metadata,

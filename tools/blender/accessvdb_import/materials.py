@@ -4,10 +4,15 @@
 
 import bpy
 
-from .points_ply import LABELS
+from .points_ply import LABELS, REASONS
 
 # sRGB bytes, as in every file and picture of AccessVDB, by label.
 _SRGB = {"unscored": (150, 152, 156), "accessible": (46, 160, 67), "blocked": (215, 58, 60)}
+# The same by reason.
+_SRGB_OF_REASON = {
+    "none": (0, 158, 115), "confidence": (150, 152, 156), "normal": (204, 121, 167), "unseen": (86, 180, 233),
+    "unknown": (0, 114, 178), "arm": (230, 159, 0), "tool": (213, 94, 0), "changed": (240, 228, 66),
+}
 # A voxel lets through exp(-3) = 5 % of the light, whatever its size.
 _OPTICAL_DEPTH_OF_VOXEL = 3.0
 # Light emitted by the fog itself, so that it is not black in a scene without lamps.
@@ -57,15 +62,54 @@ def fog_material(voxel_size_m):
     return material
 
 
+def reason_colours():
+    """A node group whose colour is that of the point's reason."""
+    group = bpy.data.node_groups.new("AccessVDB reason", "ShaderNodeTree")
+    if hasattr(group, "interface"):  # Blender 4.0 and later
+        group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+    else:
+        group.outputs.new("NodeSocketColor", "Color")
+    nodes, link = group.nodes, group.links.new
+    reason = nodes.new("ShaderNodeAttribute")
+    reason.attribute_name = "reason"
+    reason.location = (-600, 0)
+    # Each reason has an equal part of the ramp.
+    middle = _math(nodes, link, "ADD", reason.outputs["Fac"], 0.5, (-400, 0))
+    place = _math(nodes, link, "DIVIDE", middle.outputs[0], float(len(REASONS)), (-200, 0))
+    ramp = nodes.new("ShaderNodeValToRGB")
+    ramp.color_ramp.interpolation = "CONSTANT"
+    ramp.color_ramp.elements.remove(ramp.color_ramp.elements[1])
+    for number, name in enumerate(REASONS):
+        stop = ramp.color_ramp.elements[0] if number == 0 else ramp.color_ramp.elements.new(number / len(REASONS))
+        stop.color = tuple(float(linear_from_srgb(byte)) for byte in _SRGB_OF_REASON[name]) + (1.0,)
+    link(place.outputs[0], ramp.inputs["Fac"])
+    after = nodes.new("NodeGroupOutput")
+    after.location = (300, 0)
+    link(ramp.outputs["Color"], after.inputs["Color"])
+    return group
+
+
 def point_material():
-    """The colour of each point, from its attribute."""
+    """The colour of each point by its label or, with the factor of the node "By reason" at 1, by its reason."""
     material, nodes, link = _empty_material("AccessVDB points")
     colour = nodes.new("ShaderNodeAttribute")
     colour.attribute_name = "colour"
     colour.location = (-300, 0)
     surface = nodes.new("ShaderNodeBsdfPrincipled")
     surface.inputs["Roughness"].default_value = 0.8
-    link(colour.outputs["Color"], surface.inputs["Base Color"])
+    reason = nodes.new("ShaderNodeGroup")
+    reason.node_tree = reason_colours()
+    reason.location = (-300, -250)
+    chosen = nodes.new("ShaderNodeMix")
+    chosen.data_type = "RGBA"
+    chosen.name = chosen.label = "By reason"
+    chosen.location = (-100, 0)
+    # By number: the node has sockets of each name for every type of data.
+    factor, first, second, result = chosen.inputs[0], chosen.inputs[6], chosen.inputs[7], chosen.outputs[2]
+    factor.default_value = 0.0
+    link(colour.outputs["Color"], first)
+    link(reason.outputs["Color"], second)
+    link(result, surface.inputs["Base Color"])
     _output(nodes, link, surface.outputs["BSDF"], "Surface")
     return material
 

@@ -42,6 +42,8 @@ def _attributes(points):
     for name in TOOLS:
         if name in records.dtype.names:
             yield name, "INT", records[name].astype(np.int32)
+    for name in points.carried():
+        yield name, "INT", records[name].astype(np.int32)
     yield "label", "INT", records["label"].astype(np.int32)
     yield "reason", "INT", records["reason"].astype(np.int32)
     yield "score", "INT", score

@@ -60,6 +60,11 @@ class Points:
         """Whether the tool was not only turned about the vertical."""
         return all(name in self.records.dtype.names for name in QUATERNION)
 
+    def carried(self):
+        """Names of the columns that map --carry and --index brought, such as tree_id."""
+        names = self.comments.get("carry", "").split()
+        return [name for name in names if name in self.records.dtype.names]
+
     def best_tool(self, index):
         """Index of the tool that stands for a point; 0 where there is only one."""
         return int(self.records["tool"][index]) if "tool" in self.records.dtype.names else 0

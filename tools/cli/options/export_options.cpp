@@ -55,6 +55,15 @@ io::WriteOptions writeOptions(const ExportOptions& options) {
   return write;
 }
 
+std::string savingOfHalf(std::uint64_t bytes, std::uint64_t full_bytes) {
+  const auto mib = [](std::uint64_t size) { return static_cast<double>(size) / (1 << 20); };
+  const double share = full_bytes == 0 ? 0 : 1 - static_cast<double>(bytes) / static_cast<double>(full_bytes);
+  char text[128];
+  std::snprintf(text, sizeof text, "field.vdb with 16-bit floats has %.1f MiB, %.1f %% less than the %.1f MiB without",
+                mib(bytes), 100 * share, mib(full_bytes));
+  return text;
+}
+
 std::vector<std::string> fieldFilesOf(const ExportOptions& options) {
   std::vector<std::string> names = {"field.vdb", "field_points.vdb", "points.ply"};
   if (options.points_format == "las") names.emplace_back("points.las");

@@ -3,6 +3,7 @@
 /// The flags of `map` for writing .vdb files, and the frames of a sequence.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -22,6 +23,9 @@ void addExportOptions(FlagParser& flags, ExportOptions& options);
 
 /// @throws InvalidArgument for an unknown word, or a codec that is not available
 [[nodiscard]] io::WriteOptions writeOptions(const ExportOptions& options);
+
+/// How much smaller field.vdb is than with 32-bit floats, in words.
+[[nodiscard]] std::string savingOfHalf(std::uint64_t bytes, std::uint64_t full_bytes);
 
 /// Names of the files that writeField() makes with these options.
 [[nodiscard]] std::vector<std::string> fieldFilesOf(const ExportOptions& options);

@@ -190,6 +190,9 @@ bool isOwn(const fs::path& output) {
     const auto reported = fs::last_write_time(report, error);
     return !error && written <= reported;
   }
+  if (kind == ".tif") return (begins("II*") || begins("II+")) && has("AccessVDB ");
+  if (kind == ".mcap") return begins("\x89MCAP0\r\n") && begins("AccessVDB ", 25);
+  if (kind == ".gpkg") return begins("SQLite format 3") && has("accessible points, written by AccessVDB");
   if (kind == ".csv") return begins(io::kTableBegin);
   if (kind == ".md")
     return has("- command: accessvdb-lab evaluate") || has("- command: accessvdb evaluate") ||

@@ -8,16 +8,18 @@
 #include <nlohmann/json.hpp>
 
 #include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
 #include "accessvdb/output_check.h"
-#include "accessvdb/program/path_facts.h"
 #include "accessvdb/program/points_diff.h"
-#include "accessvdb/tiles.h"
+#include "accessvdb/program/result_page.h"
 #include "options/command_line.h"
 #include "options/options.h"
+#include "options/page_options.h"
 #include "output/json_text.h"
 #include "output/output_files.h"
 #include "output/stop_signal.h"
 #include "runs/checked_results.h"
+#include "runs/point_files.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -26,28 +28,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-/// The points.ply of a folder of either kind: one, or one per tile. Begins to hash them.
-std::vector<fs::path> pointFilesOf(const fs::path& map, io::OutputCheck& check, Messages& messages) {
-  if (tiles::hasIndex(map)) {
-    const tiles::Index index = tiles::readIndex(map, check);
-    if (!index.complete) {
-      throw UnusableInput("diff.unfinished", map.string(), "not all of its tiles are finished",
-                          "Run accessvdb tile run and accessvdb tile merge first: what is missing would count as gone");
-    }
-    std::vector<fs::path> files;
-    for (const tiles::IndexedTile& tile : index.tiles) {
-      tiles::beginCheck(check, tile, {"points.ply"});
-      files.push_back(tile.folder / "points.ply");
-    }
-    if (files.empty()) messages.warning("field.empty", map.string() + " holds no tiles");
-    return files;
-  }
-  if (!io::isFolder(map)) {
-    throw InputError("input.missing", map.string(), "no such folder", "Name the output folder of accessvdb map");
-  }
-  check.begin(map, {"points.ply"});
-  return {map / "points.ply"};
-}
+constexpr const char* kWhyWhole = "what is missing would count as gone";
 
 Json jsonDiff(const io::PointsDiff& diff) {
   Json json = {{"match", diff.match == io::PointMatch::SameVoxel ? "same voxel" : "nearest within one voxel"},
@@ -128,21 +109,71 @@ void warnIfApart(const io::PointsDiff& diff, Messages& messages) {
                        ": are they of one place, with poses in one world frame?");
 }
 
+/// One page for people who did not make the maps.
+io::ResultPage pageOf(const io::PointsDiff& diff, const std::vector<fs::path>& after, const PageHeader& header) {
+  io::ResultPage page;
+  page.kind = "What changed";
+  page.title = header.title;
+  page.client = header.client;
+  page.site = header.site;
+  page.voxel_size_m = diff.voxel_size_m;
+  const auto count = [&](io::PointChange change) { return diff.changes[static_cast<std::size_t>(change)]; };
+  page.sentences = {"The earlier map has " + std::to_string(diff.points_before) + " surface points, the later one " +
+                        std::to_string(diff.points_after) + "; " + std::to_string(diff.same) + " have the same label.",
+                    "Of those that both have, the tool reaches " + std::to_string(count(io::PointChange::Opened)) +
+                        " that it did not reach before, and no longer " +
+                        std::to_string(count(io::PointChange::Closed)) + "."};
+  for (const std::string& parameter : diff.other_parameters)
+    page.warnings.push_back("The maps were made with different parameters: " + parameter);
+  constexpr const char* kMeanings[io::kNumPointChanges] = {
+      "reached now, and was not", "was reached, and is not now", "blocked before and not scored now, or the reverse",
+      "surface where the earlier map has none", "surface of the earlier map that the later one has not"};
+  page.marks = {{"opened", "#1a7f37"},
+                {"closed", "#c62828"},
+                {"relabelled", "#8e6bbf"},
+                {"appeared", "#1f6feb"},
+                {"gone", "#d9822b"}};
+  io::ResultPage::Table kinds = {"What happened", {"change", "points", "meaning"}, {}};
+  for (int n = 0; n < io::kNumPointChanges; ++n) {
+    const auto change = static_cast<io::PointChange>(n);
+    kinds.rows.push_back({name(change), std::to_string(count(change)), kMeanings[n]});
+  }
+  io::ResultPage::Table reasons = {"By label and reason", {"before", "after", "points"}, {}};
+  for (const auto& transition : diff.transitions) {
+    reasons.rows.push_back({stateInWords(transition.label_before, transition.reason_before),
+                            stateInWords(transition.label_after, transition.reason_after),
+                            std::to_string(transition.points)});
+  }
+  page.tables = {kinds, reasons};
+  page.visit = [&diff, after](const io::ResultPage::TakeMarked& take) {
+    for (const fs::path& file : after) {
+      io::visitPoints(file, [&](const SurfacePoint& point) { take(point.position_W, std::nullopt); });
+    }
+    for (const io::ChangedPoint& changed : diff.points)
+      take(changed.point.position_W, static_cast<std::size_t>(changed.change));
+  };
+  return page;
+}
+
 }  // namespace
 
 int runDiff(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   std::string before, after, out;
-  bool json = false, allow_changed = false;
+  bool json = false, html = false, allow_changed = false;
+  PageHeader header;
   FlagParser flags;
   flags.describe("diff",
                  "Compares two maps of the same place, by the same tool and voxel size: which points opened, closed, "
                  "appeared or are gone. Folders of accessvdb map, in one piece or in tiles.",
-                 "accessvdb diff out/spring out/autumn --out out/changes");
+                 "accessvdb diff out/spring out/autumn --out out/changes\n"
+                 "  accessvdb diff out/spring out/autumn --out out/changes --html --client \"City of X\"");
   addCommonOptions(flags, common);
   flags.option("BEFORE", &before, "folder of the earlier map");
   flags.option("AFTER", &after, "folder of the later map");
   flags.option("--out", &out, "folder for diff.ply, diff.vdb and diff.json; without it only the table is printed");
+  flags.flag("--html", html, "with --out: also write diff.html, a page to send");
+  addPageHeader(flags, header, "What changed");
   flags.flag("--json", json, "print the table as JSON");
   addAllowChanged(flags, allow_changed);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
@@ -150,16 +181,20 @@ int runDiff(const Arguments& arguments, Messages& messages) {
   if (before.empty() || after.empty()) {
     throw InvalidArgument("usage.missing", "diff", "needs two folders", "Name the earlier map, then the later one");
   }
+  if (html && out.empty()) {
+    throw InvalidArgument("usage.missing", "--html", "needs a folder to write into", "Add --out");
+  }
   if (!out.empty()) {
-    const Paths outputs = inFolder(out, {"diff.ply", "diff.vdb", "diff.json"});
+    Paths outputs = inFolder(out, {"diff.ply", "diff.vdb", "diff.json"});
+    if (html) outputs.push_back(fs::path(out) / "diff.html");
     requireNoInputs(outputs, joined(joined(filesOfMap(before), filesOfMap(after)), {common.config}));
     requireOwn(outputs);
     io::prepareOutputFolder(out);
   }
 
   io::OutputCheck check(allow_changed);
-  const std::vector<fs::path> files_before = pointFilesOf(before, check, messages);
-  const std::vector<fs::path> files_after = pointFilesOf(after, check, messages);
+  const std::vector<fs::path> files_before = pointFilesOf(before, "diff", kWhyWhole, check, messages);
+  const std::vector<fs::path> files_after = pointFilesOf(after, "diff", kWhyWhole, check, messages);
   const io::PointsDiff diff = io::readChecked(check, [&] { return io::diffPoints(files_before, files_after); });
   sayFindings(check, messages);
   warnIfApart(diff, messages);
@@ -173,7 +208,12 @@ int runDiff(const Arguments& arguments, Messages& messages) {
     io::writeDiffVdb(folder / "diff.vdb", diff);
     io::writeFileDurably(folder / "diff.json",
                          [&](std::ostream& stream) { stream << jsonText(jsonDiff(diff), 2) << "\n"; });
-    messages.notice("wrote diff.ply, diff.vdb and diff.json into " + out);
+    if (html) {
+      const std::string page = io::htmlOf(pageOf(diff, files_after, header));
+      io::writeFileDurably(folder / "diff.html", [&](std::ostream& stream) { stream << page; });
+    }
+    messages.notice(std::string("wrote diff.ply, diff.vdb") + (html ? ", diff.json and diff.html" : " and diff.json") +
+                    " into " + out);
   }
   printData(json ? jsonText(jsonDiff(diff), 2) + "\n" : wordsOf(diff));
   return 0;

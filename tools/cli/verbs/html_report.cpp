@@ -56,9 +56,9 @@ void writePage(const PageSources& sources, Messages& messages) {
   options.tool = sources.tool;
   options.tool_file = sources.tool_file;
   options.allow_changed = sources.allow_changed;
-  options.title = sources.title;
-  options.client = sources.client;
-  options.site = sources.site;
+  options.title = sources.header.title;
+  options.client = sources.header.client;
+  options.site = sources.header.site;
   if (sources.most_points > 0) options.most_points = sources.most_points;
   const io::HtmlReport page = io::writeHtmlReport(sources.html, sources.folder, options);
   for (const auto& [id, text] : page.warnings) messages.warning(id, text);
@@ -94,9 +94,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
   flags.option("--max-points", &most_points,
                "draw at most so many points; one per cube and reason where there are more");
   PageSources sources;
-  flags.option("--title", &sources.title, "what the page is called; default: the folder's name");
-  flags.option("--client", &sources.client, "for whom it is");
-  flags.option("--site", &sources.site, "of which place");
+  addPageHeader(flags, sources.header, "the folder's name");
   addToolOptions(flags, tool_options);
   addAllowChanged(flags, allow_changed);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;

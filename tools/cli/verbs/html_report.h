@@ -5,9 +5,9 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <string>
 
 #include "options/options.h"
+#include "options/page_options.h"
 #include "output/error_output.h"
 
 namespace accessvdb::tools {
@@ -18,7 +18,7 @@ struct PageSources {
   std::filesystem::path tool_file;     ///< it was read from
   std::uint64_t most_points = 0;       ///< 0 = the library's limit
   bool allow_changed = false;          ///< of the folder's files
-  std::string title, client, site;     ///< what the page says of them
+  PageHeader header;
 };
 /// Writes the page, and says what it holds and what is odd about it. @throws what io::writeHtmlReport() throws
 void writePage(const PageSources& sources, Messages& messages);

@@ -247,7 +247,10 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
 
   io::WriteOptions files = writeOptions(options_.exported);
   files.frame = scans.frame();
+  std::uint64_t full_bytes = 0;
+  if (files.half_float) files.full_bytes = &full_bytes;
   writeField(field, out, files);
+  if (files.half_float) messages_.notice(savingOfHalf(fs::file_size(out / "field.vdb"), full_bytes));
   written_ = true;
   addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
   io::renderField(out / "preview.png", *points, renderOptions(options_.picture));

@@ -8,9 +8,12 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/result_page.h"
+#include "accessvdb/surface_points.h"
 #include "accessvdb/what_if.h"
 #include "options/command_line.h"
 #include "options/map_options.h"
+#include "options/page_options.h"
 #include "options/region_options.h"
 #include "options/tools_given.h"
 #include "output/json_text.h"
@@ -32,7 +35,8 @@ struct WhatIfOptions {
   std::string state, segments, out;
   std::vector<std::string> remove;
   int cuts = 0;
-  bool json = false, allow_changed = false;
+  bool json = false, html = false, allow_changed = false;
+  PageHeader header;
 };
 
 Json threeOf(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -41,6 +45,7 @@ Json threeOf(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 struct Answer {
   Json json;
   std::string words;
+  io::ResultPage::Table table;
   FieldSnapshot opens;  ///< points that would open
 };
 
@@ -88,7 +93,9 @@ Answer answerRegions(const AccessibilityField& field, const std::vector<Region>&
   words += counted(what_if.opens.size(), "point opens", "points open") + "; " +
            counted(what_if.points_gone, "point", "points") + " and " +
            counted(what_if.colliding_voxels, "colliding voxel", "colliding voxels") + " would be gone\n";
-  return {json, words, snapshotLike(field, what_if.opens)};
+  io::ResultPage::Table table = {"What would go", {"part"}, {}};
+  for (const Region& region : regions) table.rows.push_back({region.inWords()});
+  return {json, words, table, snapshotLike(field, what_if.opens)};
 }
 
 Answer answerSegments(const AccessibilityField& field, const std::vector<Segment>& segments, int most_cuts) {
@@ -96,6 +103,7 @@ Answer answerSegments(const AccessibilityField& field, const std::vector<Segment
   Json json = {{"segments", segments.size()}, {"cuts", Json::array()}};
   std::string words;
   std::vector<Region> cut;
+  io::ResultPage::Table table = {"Cuts, in this order", {"", "cut", "where", "points that open"}, {}};
   for (std::size_t n = 0; n < order.cuts.size(); ++n) {
     const Cut& step = order.cuts[n];
     const Segment& segment = segments[step.segment];
@@ -107,6 +115,8 @@ Answer answerSegments(const AccessibilityField& field, const std::vector<Segment
     words += std::to_string(n + 1) + ". cut " + segment.name + " (" + segment.region.inWords() +
              "): " + counted(step.opens.size(), "point opens", "points open") + "\n";
     cut.push_back(segment.region);
+    table.rows.push_back(
+        {std::to_string(n + 1), segment.name, segment.region.inWords(), std::to_string(step.opens.size())});
   }
   if (order.cuts.empty()) words += "no cut of a single segment opens a point\n";
   json["left"] = Json::array();
@@ -125,11 +135,34 @@ Answer answerSegments(const AccessibilityField& field, const std::vector<Segment
   if (!cut.empty()) opens = field.whatIf(cut).opens;
   json["opens"] = opens.size();
   words += counted(opens.size(), "point", "points") + " open after all cuts\n";
-  return {json, words, snapshotLike(field, std::move(opens))};
+  return {json, words, table, snapshotLike(field, std::move(opens))};
+}
+
+io::ResultPage pageOf(const AccessibilityField& field, const Answer& answer, const PageHeader& header) {
+  io::ResultPage page;
+  page.kind = "What cuts would open";
+  page.title = header.title;
+  page.client = header.client;
+  page.site = header.site;
+  page.sentences = {"Tool: " + field.tool().name() + ". " +
+                    counted(answer.opens.points.size(), "surface point", "surface points") +
+                    " that it cannot reach now could be reached afterwards."};
+  page.marks = {{"would open", "#1a7f37"}};
+  page.tables = {answer.table};
+  page.voxel_size_m = field.params().tsdf.voxel_size_m;
+  page.visit = [&field, &answer](const io::ResultPage::TakeMarked& take) {
+    const auto points = field.points();
+    for (std::size_t n = 0; n < points->size(); ++n) take(points->position_W(n), std::nullopt);
+    for (const SurfacePoint& point : answer.opens.points) take(point.position_W, 0);
+  };
+  return page;
 }
 
 void checkOptions(const WhatIfOptions& options) {
   checkCommonOptions(options.common);
+  if (options.html && options.out.empty()) {
+    throw InvalidArgument("usage.missing", "--html", "needs a folder to write into", "Add --out");
+  }
   if (options.state.empty()) {
     throw InvalidArgument("usage.missing", "whatif", "needs a saved state",
                           "Run map with --checkpoint FOLDER, and name that folder");
@@ -163,6 +196,8 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
                "xmin ymin zmin xmax ymax zmax\" per box");
   flags.option("--cuts", &options.cuts, "with --segments: stop after so many cuts; 0 = when nothing opens");
   flags.option("--out", &options.out, "folder for whatif.ply (the points that open) and whatif.json");
+  flags.flag("--html", options.html, "with --out: also write whatif.html, a page to send");
+  addPageHeader(flags, options.header, "What cuts would open");
   flags.flag("--json", options.json, "print the answer as JSON");
   addAllowChanged(flags, options.allow_changed);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
@@ -175,7 +210,8 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   if (!options.out.empty()) {
     options.given.common = options.common;
     options.given.remove = options.remove;
-    const Paths outputs = inFolder(options.out, {"whatif.ply", "whatif.json"});
+    Paths outputs = inFolder(options.out, {"whatif.ply", "whatif.json"});
+    if (options.html) outputs.push_back(fs::path(options.out) / "whatif.html");
     requireNoInputs(outputs, joined(joined(namedInputs(options.given), {options.segments}), filesOfMap(options.state)));
     requireOwn(outputs);
     io::prepareOutputFolder(options.out);
@@ -194,7 +230,12 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
     io::writePointsPly(out / "whatif.ply", answer.opens, {{"tool", field.tool().name()}});
     io::writeFileDurably(out / "whatif.json",
                          [&](std::ostream& stream) { stream << jsonText(answer.json, 2) << "\n"; });
-    messages.notice("wrote whatif.ply and whatif.json into " + options.out);
+    if (options.html) {
+      const std::string page = io::htmlOf(pageOf(field, answer, options.header));
+      io::writeFileDurably(out / "whatif.html", [&](std::ostream& stream) { stream << page; });
+    }
+    messages.notice(std::string("wrote whatif.ply") +
+                    (options.html ? ", whatif.json and whatif.html" : " and whatif.json") + " into " + options.out);
   }
   printData(options.json ? jsonText(answer.json, 2) + "\n" : answer.words);
   return 0;

@@ -1,0 +1,146 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb export: a result in the formats of other programs.
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/output_check.h"
+#include "accessvdb/program/path_facts.h"
+#include "accessvdb/program/points_mcap.h"
+#include "accessvdb/scan_io.h"
+#include "options/command_line.h"
+#include "options/options.h"
+#include "output/output_files.h"
+#include "output/stop_signal.h"
+#include "runs/checked_results.h"
+#include "runs/gis_files.h"
+#include "runs/point_files.h"
+#include "verbs/verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// With 24 attributes a point has some 120 bytes.
+constexpr std::uint64_t kMostMcapPoints = 10'000'000;
+
+struct ExportFiles {
+  CommonOptions common;
+  std::string map, raster, vector, mcap, crs;
+  double cell_m = 0.5;
+  io::McapOptions of_mcap;
+  bool allow_changed = false;
+};
+
+void requireEnding(const std::string& flag, const std::string& file, const std::string& ending) {
+  if (file.empty() || fs::path(file).extension() == ending) return;
+  throw InvalidArgument("usage.ending", flag + " " + file, "does not end in " + ending, "Name a file " + ending);
+}
+
+void checkOptions(const ExportFiles& options) {
+  checkCommonOptions(options.common);
+  if (options.map.empty())
+    throw InvalidArgument("usage.missing", "--map", "is missing", "Name the output folder of accessvdb map");
+  if (options.raster.empty() && options.vector.empty() && options.mcap.empty())
+    throw InvalidArgument("usage.missing", "export", "needs a file to write", "Give --raster, --vector or --mcap");
+  requireEnding("--raster", options.raster, ".tif");
+  requireEnding("--vector", options.vector, ".gpkg");
+  requireEnding("--mcap", options.mcap, ".mcap");
+  if (options.of_mcap.most_points == 0 || options.of_mcap.most_points > kMostMcapPoints)
+    throw InvalidArgument("usage.max_points", "--max-points", "is not between 1 and " + std::to_string(kMostMcapPoints),
+                          "Use fewer points: a message ends at 2 GB");
+  if (!(options.cell_m >= 0.001 && options.cell_m <= 1e6))
+    throw InvalidArgument("usage.cell", "--cell", "is not between 0.001 and 1000000 metres", "Use metres, such as 0.5");
+}
+
+/// What points.las says, beside the first points.ply that has one.
+SurveyFrame frameOf(const std::vector<fs::path>& points, Messages& messages) {
+  for (const fs::path& ply : points) {
+    const fs::path las = ply.parent_path() / "points.las";
+    if (io::isFile(las)) return io::frameOfLas(las);
+  }
+  messages.warning("export.no_frame",
+                   "no points.las says in which coordinate system the map is, nor does --crs: the files say none");
+  return {};
+}
+
+PreparedFile mcapFile(const fs::path& file, const std::vector<fs::path>& points, const io::McapOptions& options) {
+  const auto made = std::make_shared<const io::PointsMcap>(io::pointsMcap(points, options));
+  const auto ofAll = [](std::uint64_t shown, std::uint64_t all) {
+    return std::to_string(shown) + (shown == all ? "" : " of " + std::to_string(all));
+  };
+  return {file, ofAll(made->shown, made->points) + " points and " + ofAll(made->arrows, made->accessible) + " arrows",
+          [made](std::ostream& out) {
+            out.write(made->content.data(), static_cast<std::streamsize>(made->content.size()));
+          }};
+}
+
+}  // namespace
+
+int runExport(const Arguments& arguments, Messages& messages) {
+  ExportFiles options;
+  FlagParser flags;
+  flags.describe("export",
+                 "Writes a field for other programs: a GeoTIFF and a GeoPackage for QGIS, in the coordinate system of "
+                 "the survey; an MCAP file for Foxglove and Rerun.",
+                 "accessvdb export --map out/ --raster share.tif --cell 1\n"
+                 "  accessvdb export --map out/ --vector targets.gpkg --crs EPSG:32612\n"
+                 "  accessvdb export --map out/ --mcap field.mcap");
+  addCommonOptions(flags, options.common);
+  flags.option("--map", &options.map, "output folder of accessvdb map");
+  flags.option("--raster", &options.raster,
+               "GeoTIFF to write: seen from above, the accessible share of the surface, and its square metres");
+  flags.option("--cell", &options.cell_m, "edge of the raster's cells, in metres");
+  flags.option("--vector", &options.vector,
+               "GeoPackage to write: a layer of the accessible points, with score, direction and what --carry brought");
+  flags.option("--crs", &options.crs,
+               "coordinate system of the map: a code such as EPSG:32632 (needs proj-bin) or a file with well-known "
+               "text; default: that of points.las");
+  flags.option(
+      "--mcap", &options.mcap,
+      "MCAP file to write: the labelled points as foxglove.PointCloud, ways in to them as foxglove.SceneUpdate");
+  flags.option("--max-points", &options.of_mcap.most_points,
+               "most points in the MCAP file; every second, third ... where there are more");
+  flags.option("--arrows", &options.of_mcap.most_arrows, "the same for the arrows at accessible points; 0 = none");
+  addAllowChanged(flags, options.allow_changed);
+  if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
+  checkOptions(options);
+  const bool gis = !options.raster.empty() || !options.vector.empty();
+  if (gis) requireGis(options.raster.empty() ? "--vector" : "--raster");
+  Paths outputs;
+  for (const std::string& file : {options.raster, options.vector, options.mcap}) {
+    if (!file.empty()) outputs.emplace_back(file);
+  }
+  requireNoInputs(outputs, joined(filesOfMap(options.map), {options.common.config}));
+  requireNotInTiles(options.map, outputs);
+  requireOwn(outputs);
+
+  io::OutputCheck check(options.allow_changed);
+  const std::vector<fs::path> points =
+      pointFilesOf(options.map, "export", "what is missing would count as if there were no surface", check, messages);
+  SurveyFrame frame;
+  if (gis) frame = options.crs.empty() ? frameOf(points, messages) : io::crsFrame(options.crs);
+  endOnStopSignals(messages);
+  const std::vector<PreparedFile> files = io::readChecked(check, [&] {
+    std::vector<PreparedFile> made;
+    if (!options.raster.empty()) made.push_back(shareRaster(options.raster, points, frame, options.cell_m));
+    if (!options.vector.empty()) made.push_back(targetLayer(options.vector, points, frame));
+    if (!options.mcap.empty()) made.push_back(mcapFile(options.mcap, points, options.of_mcap));
+    return made;
+  });
+  sayFindings(check, messages);
+  for (const PreparedFile& file : files) {
+    io::writeFileDurably(file.path, file.write);
+    messages.notice("wrote " + file.path.string() + " with " + file.words);
+  }
+  return 0;
+}
+
+}  // namespace accessvdb::tools
