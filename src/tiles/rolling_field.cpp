@@ -19,11 +19,13 @@
 #include "field/field_access.h"
 #include "field/field_clock.h"
 #include "field/scan_gate.h"
+#include "field/tools/shared_tables.h"
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
 #include "tiles/rolling_tiles.h"
 #include "tiles/step_sorter.h"
 #include "tiles/tile_files.h"
+#include "tiles/tile_grid.h"
 #include "tiles/tile_writer.h"
 
 namespace accessvdb {
@@ -143,11 +145,13 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       : tools(namedTools(std::move(given_tools))),
         params(toolParams(tools.front(), given).resolved()),
         options(std::move(given_options)),
-        margins(tiles::tileMargins(tools, given, progress)),
+        tables(std::make_unique<internal::SharedTables>()),
+        margins(tiles::marginsFrom(tables->makeAll(tools, given, progress))),
         tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : edgeByRule(margins, params)),
         gate(params.tsdf, given.origin_W),
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
-        tiles(tools, given, options.folder, {options.memory_limit_bytes, options.device_limit_bytes}, tile_voxels) {
+        tiles(tools, given, std::move(tables), options.folder, {options.memory_limit_bytes, options.device_limit_bytes},
+              tile_voxels) {
     requireRolling(params, options, margins);
     if (!resumed) requireEmpty(options.folder);
     io::prepareOutputFolder(options.folder);
@@ -407,6 +411,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   FieldParams params;  ///< resolved, for the first tool
   RollingOptions options;
   FolderInUse in_use;
+  std::unique_ptr<internal::SharedTables> tables;  ///< until `tiles` takes it
   tiles::TileMargins margins;
   std::int32_t tile_voxels;
   internal::ScanGate gate;

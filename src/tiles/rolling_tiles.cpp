@@ -14,6 +14,8 @@
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "field/field_access.h"
+#include "field/state/state_reader.h"
+#include "field/tools/tools_of_field.h"
 #include "io/streams/input_file.h"
 #include "points/point_store.h"
 
@@ -75,10 +77,13 @@ void RollingTile::measure() {
   (field.deviceName() == "cpu" ? bytes.memory : bytes.device) += of_backend;
 }
 
-RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, fs::path folder,
-                           const Limits& limits, std::int32_t tile_voxels)
+RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params,
+                           std::unique_ptr<internal::SharedTables> tables, fs::path folder, const Limits& limits,
+                           std::int32_t tile_voxels)
     : tools_(std::move(tools)),
       params_(params),
+      described_(describeTools(tools_, internal::resolvedFor(tools_.front(), params))),
+      tables_(std::move(tables)),
       folder_(std::move(folder)),
       limits_(limits),
       tile_voxels_(tile_voxels) {}
@@ -86,7 +91,7 @@ RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& param
 AccessibilityField RollingTiles::newField(const TileIndex& id) const {
   FieldParams params = params_;
   params.window = idOf(id).window(tile_voxels_);
-  return AccessibilityField(tools_, params);
+  return internal::FieldAccess::make(tools_, params, *tables_);
 }
 
 fs::path RollingTiles::file(const TileIndex& id, std::uint64_t serial, const char* ending) const {
@@ -98,7 +103,7 @@ Eigen::Vector3d RollingTiles::worldOf(const Eigen::Vector3f& p_L) const {
 }
 
 TileBytes RollingTiles::use() const {
-  TileBytes all;
+  TileBytes all = {tables_->hostBytes(), tables_->deviceBytes()};
   for (const auto& [id, tile] : in_memory_) all += tile->bytes;
   return all;
 }
@@ -231,15 +236,14 @@ RollingTile* RollingTiles::inMemory(const TileIndex& id) {
 
 RollingTile RollingTiles::readBack(const TileIndex& id, const StoredTile& stored) {
   if (!stored.serial) return RollingTile(newField(id));
-  RollingTile tile(
-      AccessibilityField::loadState(file(id, *stored.serial, kState), tools_, params_.backend, params_.threads));
+  internal::StateReader state(file(id, *stored.serial, kState));
   const FieldWindow window = idOf(id).window(tile_voxels_);
-  const auto& found = tile.field.params().window;
-  if (!found || found->core_low != window.core_low || found->core_high != window.core_high ||
-      tile.field.params().origin_W != params_.origin_W) {
-    throw InputError("state.other", file(id, *stored.serial, kState).string(), "is the state of another tile",
-                     "Restore the folder");
+  const FieldParams& found = state.head().params;
+  if (!found.window || found.window->core_low != window.core_low || found.window->core_high != window.core_high ||
+      found.origin_W != params_.origin_W || describeTools(tools_, found) != described_) {
+    throw InputError("state.other", state.file().string(), "is the state of another tile", "Restore the folder");
   }
+  RollingTile tile(internal::FieldAccess::load(state, tools_, params_.backend, params_.threads, {}, tables_.get()));
   const std::size_t points = internal::FieldAccess::points(tile.field).size();
   tile.ids = readIds(file(id, *stored.serial, kIds), points, stored.ids_sha256);
   ++loaded_;

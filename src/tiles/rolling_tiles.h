@@ -18,8 +18,8 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/params.h"
-#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_spec.h"
+#include "field/tools/shared_tables.h"
 #include "tiles/json_file.h"
 #include "tiles/ray_shard.h"
 
@@ -77,9 +77,9 @@ class RollingTiles {
   struct Limits {
     std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< 0 = none
   };
-  /// @param params  as the user gave them; the origin comes with the first scan
-  RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, std::filesystem::path folder,
-               const Limits& limits, std::int32_t tile_voxels);
+  /// @param params  as the user gave them; the origin comes with the first scan  @param tables  of these tools
+  RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, std::unique_ptr<internal::SharedTables> tables,
+               std::filesystem::path folder, const Limits& limits, std::int32_t tile_voxels);
 
   void setOrigin(const std::array<double, 3>& origin_W) { params_.origin_W = origin_W; }
   /// Whether the scan that is to come fits: of other tiles, those that were touched longest ago leave until it does.
@@ -150,6 +150,8 @@ class RollingTiles {
 
   std::vector<ToolSpec> tools_;
   FieldParams params_;
+  std::string described_;                           ///< the parameters, as all tiles have them
+  std::unique_ptr<internal::SharedTables> tables_;  ///< of all tiles
   std::filesystem::path folder_;
   Limits limits_;
   std::int32_t tile_voxels_;
