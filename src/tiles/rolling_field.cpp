@@ -23,6 +23,7 @@
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
 #include "tiles/rolling_tiles.h"
+#include "tiles/sensor_course.h"
 #include "tiles/step_sorter.h"
 #include "tiles/tile_files.h"
 #include "tiles/tile_grid.h"
@@ -187,7 +188,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     if (!ids.empty()) nearest = ids.front();
     Touched touched;
     ++attempt;  // also where a step is refused: what it touched may leave in the next
+    tiles.expect(ids, attempt);
     for (const TileIndex& id : ids) touched.emplace_back(id, tileFor(id, attempt, now));
+    if (!ids.empty()) lookAhead(scan.q_L.front(), ids.back());
     return touched;
   }
 
@@ -226,6 +229,12 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       stats.integrate_ms = all.milliseconds() - stats.mirror_ms;
       return stats;
     });
+  }
+
+  void lookAhead(const Eigen::Vector3f& q_L, const TileIndex& farthest) {
+    course.note(q_L, distance_m(farthest, q_L));
+    const Eigen::Vector3f soon_L = course.soon_L(tile_voxels * params.tsdf.voxel_size_m);
+    tiles.lookAhead({[&](const TileIndex& id) { return distance_m(id, soon_L); }, course.reach_m()}, attempt);
   }
 
   /// In memory and, if there is room, growing; null if there is no room for it at all.
@@ -421,8 +430,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   double age_s = 0;
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
   std::vector<double> stamps_s;          ///< of each step
-  TileIndex nearest = {};                ///< of those that the last step touched
-  std::uint64_t attempt = 0;             ///< of a step
+  tiles::SensorCourse course;
+  TileIndex nearest = {};     ///< of those that the last step touched
+  std::uint64_t attempt = 0;  ///< of a step
   std::uint32_t points = 0;
   std::uint64_t left_out_returns = 0;
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
@@ -525,6 +535,8 @@ RollingStatus RollingField::status() const {
   status.tiles_in_memory = impl_->tiles.tilesInMemory().size();
   status.saved = impl_->tiles.saved();
   status.loaded = impl_->tiles.loaded();
+  status.saved_ahead = impl_->tiles.savedAhead();
+  status.loaded_ahead = impl_->tiles.loadedAhead();
   const tiles::TileBytes use = impl_->tiles.use();
   status.memory_bytes = use.memory;
   status.device_bytes = use.device;
