@@ -560,6 +560,7 @@ void RollingField::write(const fs::path& out, const io::WriteOptions& files) {
   const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
   const tiles::Plan plan = impl_->plan();
   io::prepareOutputFolder(out);
+  tiles::removeAttempts(out);
   tiles::Status status;
   for (const TileIndex& index : impl_->tiles.all()) {
     impl_->tiles.visit(index, now, [&](const RollingTile& tile) {
@@ -567,7 +568,7 @@ void RollingField::write(const fs::path& out, const io::WriteOptions& files) {
       tiles::Tile written;
       written.id = {index.first, index.second, {}};
       written.returns = tile.returns;
-      tiles::AttemptFolder folder(out, written.id);
+      tiles::AttemptFolder folder(out, written.id, tiles::AttemptFolder::Leftovers::AreGone);
       const auto step_of = [&](std::uint32_t id) {
         const auto after = std::upper_bound(impl_->first_ids.begin(), impl_->first_ids.end(), tile.ids[id]);
         return static_cast<std::uint32_t>(after - impl_->first_ids.begin()) - 1;
