@@ -45,7 +45,8 @@ struct DeviceView;
 struct ToolSpec;
 namespace internal {
 struct FieldAccess;
-}
+class SharedTables;
+}  // namespace internal
 
 class ACCESSVDB_API AccessibilityField {
  public:
@@ -206,6 +207,8 @@ class ACCESSVDB_API AccessibilityField {
  private:
   friend struct internal::FieldAccess;
   struct Impl;
+  AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params, const TableProgress& progress,
+                     internal::SharedTables* tables);
   std::unique_ptr<Impl> impl_;
 };
 

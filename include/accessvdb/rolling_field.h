@@ -47,6 +47,7 @@ struct RollingStatus {
   std::int32_t tile_voxels = 0, margin_voxels = 0;
   std::uint64_t tiles = 0, tiles_in_memory = 0;
   std::uint64_t saved = 0, loaded = 0;               ///< how often a tile left, and came back
+  std::uint64_t saved_ahead = 0, loaded_ahead = 0;   ///< of these: begun beside the steps, before it was needed
   std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< of the tiles in memory
   /// In the last step: not all tiles that the scan touched fitted. What was left out blocks, for good.
   bool memory_short = false;

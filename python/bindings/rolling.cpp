@@ -86,6 +86,8 @@ py::dict rollingStatus(LockedRolling& field) {
   all["tiles_in_memory"] = now.tiles_in_memory;
   all["saved"] = now.saved;
   all["loaded"] = now.loaded;
+  all["saved_ahead"] = now.saved_ahead;
+  all["loaded_ahead"] = now.loaded_ahead;
   all["memory_bytes"] = now.memory_bytes;
   all["device_bytes"] = now.device_bytes;
   all["memory_short"] = now.memory_short;

@@ -31,12 +31,15 @@ AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldPara
     : AccessibilityField(onlyTool(tool, params), params) {}
 AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params,
                                        const TableProgress& progress)
+    : AccessibilityField(std::move(tools), params, progress, nullptr) {}
+AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params,
+                                       const TableProgress& progress, internal::SharedTables* tables)
     : impl_(internal::makeArena(internal::requireThreads(params.threads)).execute([&] {
         const std::vector<ToolSpec> list = namedTools(std::move(tools));
         const FieldParams resolved = internal::resolvedFor(list.front(), params);
         internal::requireManyTools(list, resolved);
         return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
-          return std::make_unique<Impl>(list, resolved, std::move(chosen), progress);
+          return std::make_unique<Impl>(list, resolved, std::move(chosen), progress, tables);
         });
       })) {}
 AccessibilityField::~AccessibilityField() = default;
@@ -251,8 +254,14 @@ void internal::FieldAccess::advanceTime(AccessibilityField& field, std::optional
   internal::advanceTime(*field.impl_, latest_s, age_s);
 }
 
+AccessibilityField internal::FieldAccess::make(const std::vector<ToolSpec>& tools, const FieldParams& params,
+                                               SharedTables& tables) {
+  return {tools, params, {}, &tables};
+}
+
 AccessibilityField internal::FieldAccess::load(StateReader& state, const std::vector<ToolSpec>& tools,
-                                               BackendKind backend, int threads, const TableProgress& progress) {
+                                               BackendKind backend, int threads, const TableProgress& progress,
+                                               SharedTables* tables) {
   if (state.head().tool_sha256 != toolListSha256(tools)) {
     throw UnusableInput("state.tool", state.file().string(),
                         state.head().tools.empty() && tools.size() == 1 ? "is the state of a field for another tool"
@@ -262,7 +271,7 @@ AccessibilityField internal::FieldAccess::load(StateReader& state, const std::ve
   FieldParams params = state.head().params;
   params.backend = backend;
   params.threads = threads;
-  AccessibilityField field(tools, params, progress);
+  AccessibilityField field(tools, params, progress, tables);
   field.impl_->arena.execute([&] { restoreState(*field.impl_, state); });
   return field;
 }

@@ -17,6 +17,7 @@
 namespace accessvdb::internal {
 
 class PointStore;
+class SharedTables;
 class StateReader;
 
 /// Exact counts of what the field holds so far.
@@ -37,9 +38,14 @@ struct FieldAccess {
                                    std::span<const std::int32_t> attributes = {});
   /// Of a tile: brings its time to that of the larger map (frame_loop.h).
   static void advanceTime(AccessibilityField& field, std::optional<double> latest_s, double age_s);
-  /// @param tools  named @throws UnusableInput "state.tool" if the state is not of these
+  /// A field whose memoryUse() is without the tables, which it shares with others. @param tables  must outlive it
+  [[nodiscard]] static AccessibilityField make(const std::vector<ToolSpec>& tools, const FieldParams& params,
+                                               SharedTables& tables);
+  /// @param tools  named  @param tables  as for make(), of tools with the state's parameters; null: its own
+  /// @throws UnusableInput "state.tool" if the state is not of these tools
   [[nodiscard]] static AccessibilityField load(StateReader& state, const std::vector<ToolSpec>& tools,
-                                               BackendKind backend, int threads, const TableProgress& progress = {});
+                                               BackendKind backend, int threads, const TableProgress& progress = {},
+                                               SharedTables* tables = nullptr);
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
   [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
 

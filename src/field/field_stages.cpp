@@ -27,7 +27,7 @@ std::optional<VoxelColumnBox> returnsInWindow(const FieldParams& params, const W
 }  // namespace
 
 FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
-                         const TableProgress& progress)
+                         const TableProgress& progress, SharedTables* tables)
     : params(resolved),
       arena(makeArena(params.threads)),
       background_arena(makeArena(params.threads)),
@@ -38,7 +38,7 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
       integrator(map),
       mirrors(*backend, map, params),
       tools(std::move(specs), params,
-            {map, *backend, core(), params.change.mode == ChangeMode::Full ? &gone_points : nullptr}, progress),
+            {map, *backend, core(), params.change.mode == ChangeMode::Full ? &gone_points : nullptr, tables}, progress),
       points(*tools.front().points),
       map_reads(makeMapReads(map, points, params.scoring.neighbourhood_weight, core())),
       gone_cells(params.change.mode == ChangeMode::Full ? std::make_unique<GoneCells>(map, points, params.tsdf)

@@ -44,9 +44,10 @@ struct LabelState {
 };
 
 struct FieldStages {
-  /// @param specs  named, at least one  @param resolved  for the first of them
+  /// @param specs  named, at least one  @param resolved  for the first of them  @param tables  of several fields, or
+  /// null
   FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
-              const TableProgress& progress);
+              const TableProgress& progress, SharedTables* tables);
 
   /// Of a tile, whose other points are not the user's.
   [[nodiscard]] std::optional<VoxelColumnBox> core() const;

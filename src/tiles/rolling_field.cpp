@@ -19,12 +19,15 @@
 #include "field/field_access.h"
 #include "field/field_clock.h"
 #include "field/scan_gate.h"
+#include "field/tools/shared_tables.h"
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
 #include "tiles/ray_files.h"
 #include "tiles/rolling_tiles.h"
+#include "tiles/sensor_course.h"
 #include "tiles/step_sorter.h"
 #include "tiles/tile_files.h"
+#include "tiles/tile_grid.h"
 #include "tiles/tile_writer.h"
 
 namespace accessvdb {
@@ -145,11 +148,13 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       : tools(namedTools(std::move(given_tools))),
         params(toolParams(tools.front(), given).resolved()),
         options(std::move(given_options)),
-        margins(tiles::tileMargins(tools, given, progress)),
+        tables(std::make_unique<internal::SharedTables>()),
+        margins(tiles::marginsFrom(tables->makeAll(tools, given, progress))),
         tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : edgeByRule(margins, params)),
         gate(params.tsdf, given.origin_W),
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
-        tiles(tools, given, options.folder, {options.memory_limit_bytes, options.device_limit_bytes}, tile_voxels) {
+        tiles(tools, given, std::move(tables), options.folder, {options.memory_limit_bytes, options.device_limit_bytes},
+              tile_voxels) {
     requireRolling(params, options, margins);
     if (!resumed) requireEmpty(options.folder);
     io::prepareOutputFolder(options.folder);
@@ -185,7 +190,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     if (!ids.empty()) nearest = ids.front();
     Touched touched;
     ++attempt;  // also where a step is refused: what it touched may leave in the next
+    tiles.expect(ids, attempt);
     for (const TileIndex& id : ids) touched.emplace_back(id, tileFor(id, attempt, now));
+    if (!ids.empty()) lookAhead(scan.q_L.front(), ids.back());
     return touched;
   }
 
@@ -227,6 +234,12 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       stats.integrate_ms = all.milliseconds() - stats.mirror_ms;
       return stats;
     });
+  }
+
+  void lookAhead(const Eigen::Vector3f& q_L, const TileIndex& farthest) {
+    course.note(q_L, distance_m(farthest, q_L));
+    const Eigen::Vector3f soon_L = course.soon_L(tile_voxels * params.tsdf.voxel_size_m);
+    tiles.lookAhead({[&](const TileIndex& id) { return distance_m(id, soon_L); }, course.reach_m()}, attempt);
   }
 
   /// In memory and, if there is room, growing; null if there is no room for it at all.
@@ -421,6 +434,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   FieldParams params;  ///< resolved, for the first tool
   RollingOptions options;
   FolderInUse in_use;
+  std::unique_ptr<internal::SharedTables> tables;  ///< until `tiles` takes it
   tiles::TileMargins margins;
   std::int32_t tile_voxels;
   internal::ScanGate gate;
@@ -430,8 +444,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   double age_s = 0;
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
   std::vector<double> stamps_s;          ///< of each step
-  TileIndex nearest = {};                ///< of those that the last step touched
-  std::uint64_t attempt = 0;             ///< of a step
+  tiles::SensorCourse course;
+  TileIndex nearest = {};     ///< of those that the last step touched
+  std::uint64_t attempt = 0;  ///< of a step
   std::uint32_t points = 0;
   std::uint64_t left_out_returns = 0;
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
@@ -543,6 +558,8 @@ RollingStatus RollingField::status() const {
   status.tiles_in_memory = impl_->tiles.tilesInMemory().size();
   status.saved = impl_->tiles.saved();
   status.loaded = impl_->tiles.loaded();
+  status.saved_ahead = impl_->tiles.savedAhead();
+  status.loaded_ahead = impl_->tiles.loadedAhead();
   const tiles::TileBytes use = impl_->tiles.use();
   status.memory_bytes = use.memory;
   status.device_bytes = use.device;
@@ -568,6 +585,7 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   update();
   const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
   io::prepareOutputFolder(out);
+  tiles::removeAttempts(out);
   tiles::Status status;
   for (const TileIndex& index : impl_->tiles.all()) {
     impl_->tiles.visit(index, now, [&](const RollingTile& tile) {
@@ -575,7 +593,7 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
       tiles::Tile written;
       written.id = {index.first, index.second, {}};
       written.returns = tile.returns;
-      tiles::AttemptFolder folder(out, written.id);
+      tiles::AttemptFolder folder(out, written.id, tiles::AttemptFolder::Leftovers::AreGone);
       const auto step_of = [&](std::uint32_t id) {
         const auto after = std::upper_bound(impl_->first_ids.begin(), impl_->first_ids.end(), tile.ids[id]);
         return static_cast<std::uint32_t>(after - impl_->first_ids.begin()) - 1;

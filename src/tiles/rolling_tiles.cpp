@@ -5,16 +5,13 @@
 #include <malloc.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <fstream>
 
 #include "accessvdb/error.h"
-#include "accessvdb/field_io.h"
-#include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "field/field_access.h"
-#include "io/streams/input_file.h"
+#include "field/state/state_reader.h"
+#include "field/tools/tools_of_field.h"
 #include "points/point_store.h"
 
 namespace accessvdb::tiles {
@@ -23,48 +20,17 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kCellsOfEdge = 32;  // of what is left out of a tile that is not there
-constexpr const char *kState = ".state", *kIds = ".ids";
-
-/// Whether a name is one that we give: X_Y.SERIAL.state, X_Y.SERIAL.ids.
-bool isOwnName(const std::string& name, std::uint64_t& serial) {
-  for (const std::string ending : {kState, kIds}) {
-    if (!name.ends_with(ending)) continue;
-    const std::string rest = name.substr(0, name.size() - ending.size());
-    const std::size_t dot = rest.find('.');
-    if (dot == std::string::npos) return false;
-    try {
-      static_cast<void>(TileId::parse(rest.substr(0, dot)));
-    } catch (const InvalidArgument&) {
-      return false;
-    }
-    const char* const end = rest.data() + rest.size();
-    const auto [last, error] = std::from_chars(rest.data() + dot + 1, end, serial);
-    return error == std::errc() && last == end;
-  }
-  return false;
-}
+/// Steps without a return after which a tile is likely to be done with for a while: those at the end of the range get
+/// some now and then.
+constexpr std::uint64_t kIdleSteps = 8;
+/// After which what the disk's thread was told to write has most likely been written.
+constexpr std::uint64_t kWritingSteps = 4;
+/// A tile that is farther than this from where it is needed is not worth its memory any more: in reaches.
+constexpr double kLetGo = 1.25;
+/// Part of the limits for which tiles are written before they have to leave.
+constexpr std::uint64_t kWrittenPart = 4;
 
 TileId idOf(const TileIndex& index) { return {index.first, index.second, {}}; }
-
-void writeIds(const fs::path& file, const std::vector<std::uint32_t>& ids) {
-  io::writeFileDurably(file, [&](std::ostream& stream) {
-    stream.write(reinterpret_cast<const char*>(ids.data()), static_cast<std::streamsize>(ids.size() * sizeof ids[0]));
-  });
-}
-
-/// @throws InputError "state.damaged"; another one if the file cannot be read
-std::vector<std::uint32_t> readIds(const fs::path& file, std::size_t count, const std::string& sha256) {
-  std::vector<std::uint32_t> ids(count);
-  static_cast<void>(io::inputFileSize(file));
-  std::ifstream in(file, std::ios::binary);
-  if (!in.is_open()) throw InputError("input.unreadable", file.string(), "cannot be opened", "Check its permissions");
-  in.read(reinterpret_cast<char*>(ids.data()), static_cast<std::streamsize>(count * sizeof ids[0]));
-  if (in.bad()) throw InputError("input.unreadable", file.string(), "cannot be read to its end", "Check the disk");
-  if (!in || in.peek() != std::ifstream::traits_type::eof() || io::sha256OfFile(file) != sha256) {
-    throw InputError("state.damaged", file.string(), "is not as it was written", "Use another disk");
-  }
-  return ids;
-}
 
 }  // namespace
 
@@ -75,10 +41,13 @@ void RollingTile::measure() {
   (field.deviceName() == "cpu" ? bytes.memory : bytes.device) += of_backend;
 }
 
-RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, fs::path folder,
-                           const Limits& limits, std::int32_t tile_voxels)
+RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params,
+                           std::unique_ptr<internal::SharedTables> tables, fs::path folder, const Limits& limits,
+                           std::int32_t tile_voxels)
     : tools_(std::move(tools)),
       params_(params),
+      described_(describeTools(tools_, internal::resolvedFor(tools_.front(), params))),
+      tables_(std::move(tables)),
       folder_(std::move(folder)),
       limits_(limits),
       tile_voxels_(tile_voxels) {}
@@ -86,11 +55,7 @@ RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& param
 AccessibilityField RollingTiles::newField(const TileIndex& id) const {
   FieldParams params = params_;
   params.window = idOf(id).window(tile_voxels_);
-  return AccessibilityField(tools_, params);
-}
-
-fs::path RollingTiles::file(const TileIndex& id, std::uint64_t serial, const char* ending) const {
-  return folder_ / (idOf(id).name() + "." + std::to_string(serial) + ending);
+  return internal::FieldAccess::make(tools_, params, *tables_);
 }
 
 Eigen::Vector3d RollingTiles::worldOf(const Eigen::Vector3f& p_L) const {
@@ -98,8 +63,9 @@ Eigen::Vector3d RollingTiles::worldOf(const Eigen::Vector3f& p_L) const {
 }
 
 TileBytes RollingTiles::use() const {
-  TileBytes all;
+  TileBytes all = {tables_->hostBytes(), tables_->deviceBytes()};
   for (const auto& [id, tile] : in_memory_) all += tile->bytes;
+  for (const auto& [id, ahead] : ahead_) all += ahead.bytes;
   return all;
 }
 
@@ -120,82 +86,242 @@ void RollingTiles::noteGrowth(const TileBytes& growth) {
   growth_.device = std::max(growth_.device - growth_.device / 16, growth.device);
 }
 
-bool RollingTiles::makeRoomFor(const TileIndex& id, std::uint64_t step) {
-  RollingTile* const known = inMemory(id);
-  if (known != nullptr) known->touched = step;  // it stays
-  const auto stored = stored_.find(id);
+TileBytes RollingTiles::bytesToLoad(const TileIndex& id) const {
+  if (in_memory_.contains(id) || ahead_.contains(id)) return {};
   TileBytes more;
-  if (known == nullptr) {
-    if (stored != stored_.end()) more = stored->second.bytes;
-    more.memory = std::max(more.memory, empty_.memory);
-    more.device = std::max(more.device, empty_.device);
-  }
+  const auto stored = stored_.find(id);
+  if (stored != stored_.end()) more = stored->second.bytes;
+  more.memory = std::max(more.memory, empty_.memory);
+  more.device = std::max(more.device, empty_.device);
+  return more;
+}
+
+bool RollingTiles::makeRoomFor(const TileIndex& id, std::uint64_t step) {
+  if (RollingTile* const known = find(id)) known->touched = step;  // it stays
+  const TileBytes more = bytesToLoad(id);
+  const auto isTouched = [step](const TileIndex&, const RollingTile& tile) { return tile.touched == step; };
+  const auto isNeeded = [&](const TileIndex& other, const RollingTile& tile) {
+    return tile.touched == step || expected_.contains(other);
+  };
+  const auto isRecent = [&](const TileIndex& other, const RollingTile& tile) {
+    return tile.touched + kIdleSteps > step || expected_.contains(other);
+  };
   while (!fitsWith(more)) {
-    if (letOldestGo([step](const TileIndex&, const RollingTile& tile) { return tile.touched == step; })) continue;
-    more += use();
-    return isWithin(more);  // what the step may take besides is a guess, and leaves nothing out
+    if (letOldestGo(isRecent) || dropOneAhead(id, step) || letOldestGo(isNeeded)) continue;
+    // What the step may take besides is a guess: it leaves nothing out, and sends nothing away that is to come back.
+    TileBytes all = use();
+    all += more;
+    if (isWithin(all)) return true;
+    if (!dropOneAhead(id, step + 1) && !letOldestGo(isTouched)) return false;
   }
   return true;
 }
 
 void RollingTiles::shrink(const TileIndex& kept) {
-  while (!isWithin(use()) && letOldestGo([&kept](const TileIndex& id, const RollingTile&) { return id == kept; })) {
+  const auto stays = [&kept](const TileIndex& id, const RollingTile&) { return id == kept; };
+  const auto isNeeded = [&](const TileIndex& id, const RollingTile& tile) {
+    return id == kept || tile.touched + kIdleSteps > step_;
+  };
+  while (!isWithin(use()) && (letOldestGo(isNeeded) || dropOneAhead(kept, step_ + 1) || letOldestGo(stays))) {
   }
 }
 
-bool RollingTiles::letOldestGo(const std::function<bool(const TileIndex& id, const RollingTile& tile)>& stays) {
-  auto oldest = in_memory_.end();
-  for (auto tile = in_memory_.begin(); tile != in_memory_.end(); ++tile) {
-    if (stays(tile->first, *tile->second)) continue;
-    if (oldest == in_memory_.end() || tile->second->touched < oldest->second->touched) oldest = tile;
-  }
-  if (oldest == in_memory_.end()) return false;
-  save(oldest->first, *oldest->second);
-  stored_[oldest->first] = *std::move(oldest->second->as_saved);
-  in_memory_.erase(oldest);
-  malloc_trim(0);  // what comes next gets this memory, and not more from the system
+std::vector<TileIndex> RollingTiles::leavers(const Stays& stays) const {
+  std::vector<TileIndex> ids;
+  for (const auto& [id, tile] : in_memory_)
+    if (!stays(id, *tile)) ids.push_back(id);
+  const auto placeOf = [this](const TileIndex& id) {
+    const auto expected = expected_.find(id);
+    return expected == expected_.end() ? 0 : expected->second;
+  };
+  std::stable_sort(ids.begin(), ids.end(), [&](const TileIndex& a, const TileIndex& b) {
+    const std::uint64_t one = in_memory_.at(a)->touched, other = in_memory_.at(b)->touched;
+    return one != other ? one < other : placeOf(a) > placeOf(b);
+  });
+  return ids;
+}
+
+bool RollingTiles::letOldestGo(const Stays& stays) {
+  const std::vector<TileIndex> ids = leavers(stays);
+  if (ids.empty()) return false;
+  letGo(ids.front());
   return true;
 }
 
+void RollingTiles::letGo(const TileIndex& id) {
+  const auto tile = in_memory_.find(id);
+  if (tile->second->as_saved || tile->second->saving) ++saved_ahead_;
+  save(id, *tile->second);
+  stored_[id] = *std::move(tile->second->as_saved);
+  stored_[id].touched = tile->second->touched;
+  in_memory_.erase(tile);
+  doLater([] { malloc_trim(0); });  // what comes next gets this memory, and not more from the system
+}
+
+void RollingTiles::doLater(std::function<void()> work) {
+  std::erase_if(later_, [this](const auto& begun) { return disk_.hasEnded(begun); });
+  later_.push_back(disk_.begin(std::move(work)));
+}
+
+void RollingTiles::expect(std::span<const TileIndex> ids, std::uint64_t step) {
+  step_ = step;
+  expected_.clear();
+  for (std::size_t place = 0; place < ids.size(); ++place) {
+    expected_[ids[place]] = place;
+    const auto ahead = ahead_.find(ids[place]);
+    if (ahead != ahead_.end()) ahead->second.wanted = step;
+  }
+}
+
+void RollingTiles::lookAhead(const Outlook& outlook, std::uint64_t step) {
+  if (limits_.memory_bytes == 0 && limits_.device_bytes == 0) return;
+  readAhead(outlook, step);
+  writeAhead(step);
+}
+
+/// One per step: by the next one it is known better which.
+void RollingTiles::readAhead(const Outlook& outlook, std::uint64_t step) {
+  std::vector<TileIndex> gone;
+  for (auto& [id, ahead] : ahead_) {
+    const double away_m = outlook.distance_m(id);
+    if (away_m <= outlook.reach_m) ahead.wanted = step;
+    if (away_m > kLetGo * outlook.reach_m && ahead.wanted < step) gone.push_back(id);
+  }
+  for (const TileIndex& id : gone) dropAhead(id);
+  std::vector<std::pair<double, TileIndex>> order;
+  for (const auto& [id, stored] : stored_) {
+    if (!stored.serial || ahead_.contains(id)) continue;
+    const double away_m = outlook.distance_m(id);
+    if (away_m <= outlook.reach_m) order.emplace_back(away_m, id);
+  }
+  if (order.empty()) return;
+  const auto& [away_m, wanted] = *std::min_element(order.begin(), order.end());
+  const TileBytes more = bytesToLoad(wanted);
+  // Only tiles make room that are less needed, and that need not be waited for.
+  const auto stays = [&](const TileIndex& id, const RollingTile& tile) {
+    const bool written = tile.as_saved || (tile.saving && tile.saving->since + kWritingSteps <= step);
+    return !written || tile.touched + kIdleSteps > step || outlook.distance_m(id) <= kLetGo * outlook.reach_m;
+  };
+  for (const TileIndex& id : leavers(stays)) {
+    if (fitsWith(more)) break;
+    RollingTile& tile = *find(id);
+    endSaving(id, tile);
+    if (tile.as_saved) letGo(id);  // else when it has to, and then in words
+  }
+  if (fitsWith(more)) beginAhead(wanted, stored_.at(wanted), step);
+}
+
+/// One per step, of those that would leave next.
+void RollingTiles::writeAhead(std::uint64_t step) {
+  const auto part = [](std::uint64_t limit) { return limit / kWrittenPart; };
+  if (fitsWith({part(limits_.memory_bytes), part(limits_.device_bytes)})) return;
+  TileBytes written;
+  for (const TileIndex& id : leavers([step](const TileIndex&, const RollingTile& tile) {
+         return tile.touched + kIdleSteps > step || tile.lost;
+       })) {
+    RollingTile& tile = *find(id);
+    if (!tile.as_saved && !tile.saving) return beginSaving(id, tile, step);
+    written += tile.bytes;
+    const bool enough = (limits_.memory_bytes == 0 || written.memory >= part(limits_.memory_bytes)) &&
+                        (limits_.device_bytes == 0 || written.device >= part(limits_.device_bytes));
+    if (enough) return;
+  }
+}
+
+void RollingTiles::beginAhead(const TileIndex& id, const StoredTile& stored, std::uint64_t step) {
+  const auto read = std::make_shared<std::optional<RollingTile>>();
+  const auto work = disk_.begin([this, read, id, serial = *stored.serial, ids_sha256 = stored.ids_sha256] {
+    read->emplace(readBack(id, serial, ids_sha256));
+  });
+  ahead_[id] = {stored.bytes, step, read, work};
+}
+
+void RollingTiles::dropAhead(const TileIndex& id) {
+  disk_.cancel(ahead_.at(id).work);
+  ahead_.erase(id);
+}
+
+bool RollingTiles::dropOneAhead(const TileIndex& but, std::uint64_t wanted_before) {
+  auto least = ahead_.end();
+  for (auto ahead = ahead_.begin(); ahead != ahead_.end(); ++ahead) {
+    if (ahead->first == but || ahead->second.wanted >= wanted_before) continue;
+    if (least == ahead_.end() || ahead->second.wanted < least->second.wanted) least = ahead;
+  }
+  if (least == ahead_.end()) return false;
+  dropAhead(TileIndex(least->first));
+  return true;
+}
+
+std::optional<RollingTile> RollingTiles::takeAhead(const TileIndex& id) {
+  const auto found = ahead_.find(id);
+  if (found == ahead_.end()) return std::nullopt;
+  const Ahead ahead = std::move(found->second);
+  ahead_.erase(found);
+  if (!disk_.finish(ahead.work)) return std::nullopt;
+  ++loaded_ahead_;
+  return std::move(*ahead.tile);
+}
+
+StoredTile RollingTiles::describe(const RollingTile& tile) {
+  StoredTile stored;
+  stored.serial = serial_++;
+  stored.touched = tile.touched;
+  stored.returns = tile.returns;
+  stored.updated = tile.updated;
+  stored.behind = tile.behind;
+  stored.bytes = tile.bytes;
+  return stored;
+}
+
+void RollingTiles::beginSaving(const TileIndex& id, RollingTile& tile, std::uint64_t step) {
+  StoredTile stored = describe(tile);
+  const auto sha256 = std::make_shared<std::string>();
+  auto work = disk_.begin(
+      [&tile, sha256, files = filesOf(id, *stored.serial)] { *sha256 = files.write(tile.field, tile.ids); });
+  tile.saving.emplace(RollingTile::Saving{std::move(stored), sha256, std::move(work), step});
+}
+
+void RollingTiles::endSaving(const TileIndex&, RollingTile& tile) {
+  if (!tile.saving) return;
+  if (disk_.finish(tile.saving->work)) {
+    tile.saving->stored.ids_sha256 = *tile.saving->ids_sha256;
+    tile.as_saved = std::move(tile.saving->stored);
+  }
+  tile.saving.reset();
+}
+
+void RollingTiles::forgetSaving(const TileIndex& id, RollingTile& tile) {
+  if (!tile.saving) return;
+  if (disk_.cancel(tile.saving->work)) removeLater(id, *tile.saving->stored.serial);
+  tile.saving.reset();
+}
+
 void RollingTiles::save(const TileIndex& id, RollingTile& tile) {
+  endSaving(id, tile);
   if (!tile.as_saved) {
-    StoredTile stored;
-    stored.serial = serial_++;
-    stored.touched = tile.touched;
-    stored.returns = tile.returns;
-    stored.updated = tile.updated;
-    stored.behind = tile.behind;
-    stored.bytes = tile.bytes;
-    const fs::path ids = file(id, *stored.serial, kIds);
-    try {
-      tile.field.saveState(file(id, *stored.serial, kState));
-      writeIds(ids, tile.ids);
-    } catch (...) {
-      removeFiles(id, *stored.serial);
-      throw;
-    }
-    stored.ids_sha256 = io::sha256OfFile(ids);
+    StoredTile stored = describe(tile);
+    stored.ids_sha256 = filesOf(id, *stored.serial).write(tile.field, tile.ids);
     tile.as_saved = std::move(stored);
   }
   ++saved_;
 }
 
 void RollingTiles::noteChange(const TileIndex& id, RollingTile& tile) {
+  forgetSaving(id, tile);
   if (!tile.as_saved) return;
   removeUnlessKept(id, *tile.as_saved->serial);
   tile.as_saved.reset();
 }
 
-void RollingTiles::removeUnlessKept(const TileIndex& id, std::uint64_t serial) const {
-  if (!kept_.contains(serial)) removeFiles(id, serial);
+void RollingTiles::removeLater(const TileIndex& id, std::uint64_t serial) {
+  doLater([files = filesOf(id, serial)] { files.remove(); });
+}
+
+void RollingTiles::removeUnlessKept(const TileIndex& id, std::uint64_t serial) {
+  if (!kept_.contains(serial)) removeLater(id, serial);
 }
 
 double RollingTiles::cellEdge_m() const { return tile_voxels_ * params_.tsdf.voxel_size_m / kCellsOfEdge; }
-
-void RollingTiles::removeFiles(const TileIndex& id, std::uint64_t serial) const {
-  std::error_code ignored;
-  for (const char* ending : {kState, kIds}) fs::remove(file(id, serial, ending), ignored);
-}
 
 RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
   if (RollingTile* known = inMemory(id)) {
@@ -205,8 +331,8 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
   std::unique_ptr<RollingTile> tile;
   const auto stored = stored_.find(id);
   if (stored != stored_.end()) {
-    tile = std::make_unique<RollingTile>(load(id, now));
-    if (stored->second.serial && !tile->lost) removeUnlessKept(id, *stored->second.serial);
+    tile = std::make_unique<RollingTile>(load(id, now, takeAhead(id)));
+    if (stored->second.serial && !tile->lost) tile->as_saved = std::move(stored->second);
     stored_.erase(stored);
   } else {
     tile = std::make_unique<RollingTile>(newField(id));
@@ -218,31 +344,32 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
 }
 
 RollingTile& RollingTiles::growAgain(const TileIndex& id, const MapTime& now) {
-  save(id, *in_memory_.at(id));
-  stored_[id] = *std::move(in_memory_.at(id)->as_saved);
-  in_memory_.erase(id);
+  letGo(id);
   return at(id, now);
 }
 
 RollingTile* RollingTiles::inMemory(const TileIndex& id) {
+  RollingTile* const tile = find(id);
+  if (tile != nullptr) forgetSaving(id, *tile);
+  return tile;
+}
+
+RollingTile* RollingTiles::find(const TileIndex& id) {
   const auto found = in_memory_.find(id);
   return found == in_memory_.end() ? nullptr : found->second.get();
 }
 
-RollingTile RollingTiles::readBack(const TileIndex& id, const StoredTile& stored) {
-  if (!stored.serial) return RollingTile(newField(id));
-  RollingTile tile(
-      AccessibilityField::loadState(file(id, *stored.serial, kState), tools_, params_.backend, params_.threads));
+RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, const std::string& ids_sha256) const {
+  const RollingFiles files = filesOf(id, serial);
+  internal::StateReader state(files.state);
   const FieldWindow window = idOf(id).window(tile_voxels_);
-  const auto& found = tile.field.params().window;
-  if (!found || found->core_low != window.core_low || found->core_high != window.core_high ||
-      tile.field.params().origin_W != params_.origin_W) {
-    throw InputError("state.other", file(id, *stored.serial, kState).string(), "is the state of another tile",
-                     "Restore the folder");
+  const FieldParams& found = state.head().params;
+  if (!found.window || found.window->core_low != window.core_low || found.window->core_high != window.core_high ||
+      found.origin_W != params_.origin_W || describeTools(tools_, found) != described_) {
+    throw InputError("state.other", files.state.string(), "is the state of another tile", "Restore the folder");
   }
-  const std::size_t points = internal::FieldAccess::points(tile.field).size();
-  tile.ids = readIds(file(id, *stored.serial, kIds), points, stored.ids_sha256);
-  ++loaded_;
+  RollingTile tile(internal::FieldAccess::load(state, tools_, params_.backend, params_.threads, {}, tables_.get()));
+  tile.ids = files.readIds(internal::FieldAccess::points(tile.field).size(), ids_sha256);
   return tile;
 }
 
@@ -254,11 +381,12 @@ RollingTile RollingTiles::startClosed(const TileIndex& id) {
   return tile;
 }
 
-RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now) {
+RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now, std::optional<RollingTile> tile) {
   const StoredTile& stored = stored_.at(id);
-  std::optional<RollingTile> tile;
   try {
-    tile.emplace(readBack(id, stored));
+    if (!tile && !stored.serial) tile.emplace(newField(id));
+    if (!tile) tile.emplace(readBack(id, *stored.serial, stored.ids_sha256));
+    if (stored.serial) ++loaded_;
   } catch (const InputError& error) {
     if (!error.id().starts_with("state.")) throw;  // it may be there again, with the disk
     const std::string name = idOf(id).name();
@@ -324,7 +452,7 @@ Json RollingTiles::saveAll() {
       save(id, *tile);
       --saved_;  // it has not left
     }
-    kept_.insert(*tile->as_saved->serial);
+    kept_[*tile->as_saved->serial] = id;
     add(id, *tile->as_saved);
   }
   for (const auto& [id, stored] : stored_) add(id, stored);
@@ -354,16 +482,24 @@ void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost) {
     stored_[{id.x, id.y}] = std::move(stored);
   }
   keep(tiles);
+  removeLeftovers();
 }
 
 void RollingTiles::keep(const Json& tiles) {
-  kept_.clear();
-  for (const Json& tile : tiles)
-    if (tile.contains("serial")) kept_.insert(tile.at("serial").get<std::uint64_t>());
+  const auto before = std::exchange(kept_, {});
+  for (const Json& tile : tiles) {
+    const TileId id = TileId::parse(tile.at("tile"));
+    if (tile.contains("serial")) kept_[tile.at("serial").get<std::uint64_t>()] = {id.x, id.y};
+  }
+  for (const auto& [serial, id] : before) removeUnlessKept(id, serial);
+  for (const DiskThread::Handle& work : std::exchange(later_, {})) disk_.finish(work);
+}
+
+void RollingTiles::removeLeftovers() const {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder_, ignored)) {
     std::uint64_t serial = 0;
-    if (isOwnName(entry.path().filename().string(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
+    if (isRollingFile(entry.path().filename().string(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
   }
 }
 

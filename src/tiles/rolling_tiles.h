@@ -1,6 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The tiles of a rolling field: which are in memory, which lie in the folder, and how they come and go.
+///
+/// What is decided depends on scans and counts of bytes alone. A DiskThread has a head start with the files: it writes
+/// tiles that will probably leave while they still are in memory, and reads those that will probably be needed.
 #pragma once
 
 #include <array>
@@ -18,10 +21,12 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/params.h"
-#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_spec.h"
+#include "field/tools/shared_tables.h"
+#include "tiles/disk_thread.h"
 #include "tiles/json_file.h"
 #include "tiles/ray_shard.h"
+#include "tiles/rolling_files.h"
 
 namespace accessvdb::tiles {
 
@@ -70,6 +75,14 @@ class RollingTile {
   bool behind = false;                 ///< a scan came after the last update
   TileBytes bytes;                     ///< as last measured
   std::optional<StoredTile> as_saved;  ///< its files, if nothing has changed since they were written
+  /// Its files are being written: nobody else may use the field. Of a tile that has no as_saved.
+  struct Saving {
+    StoredTile stored;
+    std::shared_ptr<std::string> ids_sha256;
+    DiskThread::Handle work;
+    std::uint64_t since;  ///< step
+  };
+  std::optional<Saving> saving;
 };
 
 class RollingTiles {
@@ -77,18 +90,31 @@ class RollingTiles {
   struct Limits {
     std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< 0 = none
   };
-  /// @param params  as the user gave them; the origin comes with the first scan
-  RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, std::filesystem::path folder,
-               const Limits& limits, std::int32_t tile_voxels);
+  /// @param params  as the user gave them; the origin comes with the first scan  @param tables  of these tools
+  RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, std::unique_ptr<internal::SharedTables> tables,
+               std::filesystem::path folder, const Limits& limits, std::int32_t tile_voxels);
 
-  void setOrigin(const std::array<double, 3>& origin_W) { params_.origin_W = origin_W; }
+  void setOrigin(const std::array<double, 3>& origin_W) {
+    if (!params_.origin_W) params_.origin_W = origin_W;  // the disk's thread reads it
+  }
   /// Whether the scan that is to come fits: of other tiles, those that were touched longest ago leave until it does.
   /// @param id     a tile that the step touches  @param step  others that it touched before stay
   bool makeRoomFor(const TileIndex& id, std::uint64_t step);
   /// What an update took may be too much: then tiles leave, too, that the last step touched, but not this one.
   void shrink(const TileIndex& kept);
+  /// The step touches these, nearest first, as far as there is room: they and what was read of them leave last.
+  void expect(std::span<const TileIndex> ids, std::uint64_t step);
+  /// Where the sensor goes.
+  struct Outlook {
+    std::function<double(const TileIndex& id)> distance_m;  ///< of a tile from where the sensor will be soon
+    double reach_m;                                         ///< tiles at most this far will be needed there
+  };
+  /// Begins to read a tile that will probably be needed, and to write one that will probably leave. For each step, when
+  /// its tiles are in memory.
+  void lookAhead(const Outlook& outlook, std::uint64_t step);
   /// The tile in memory; made or loaded, and brought to this time.
   RollingTile& at(const TileIndex& id, const MapTime& now);
+  /// A tile that is about to change: it is not being written any more.
   [[nodiscard]] RollingTile* inMemory(const TileIndex& id);
   /// A tile in memory is about to change: files that were written of it are out of date.
   void noteChange(const TileIndex& id, RollingTile& tile);
@@ -107,59 +133,103 @@ class RollingTiles {
   /// Hands the tile over with labels as of the last update; one that was not in memory leaves it again.
   template <typename Take>
   void visit(const TileIndex& id, const MapTime& now, const Take& take) {
-    if (RollingTile* tile = inMemory(id)) {
+    if (RollingTile* tile = find(id)) {
+      endSaving(id, *tile);
       take(*tile);
       return;
     }
-    RollingTile tile = load(id, now);
+    RollingTile tile = load(id, now, std::nullopt);
     take(tile);
   }
   [[nodiscard]] std::map<TileIndex, std::unique_ptr<RollingTile>>& tilesInMemory() { return in_memory_; }
 
   /// Saves what has changed of the tiles in memory, which stay there. @return all tiles, for restore()
   [[nodiscard]] Json saveAll();
-  /// Of a folder where another object has called saveAll(). Only while there are no tiles.
+  /// Of a folder where another object has called saveAll(). Only while there are no tiles. What else a process that was
+  /// killed has left there goes.
   /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write
   void restore(const Json& tiles, std::vector<std::string> lost);
-  /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go, and
-  /// whatever else a process that was killed has left.
+  /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go. Nothing
+  /// is under way afterwards but reading.
   void keep(const Json& tiles);
 
   /// An update of all tiles is due: those in the folder get it when they are next loaded.
   void oweUpdate();
   [[nodiscard]] std::uint64_t saved() const { return saved_; }
   [[nodiscard]] std::uint64_t loaded() const { return loaded_; }
+  [[nodiscard]] std::uint64_t savedAhead() const { return saved_ahead_; }
+  [[nodiscard]] std::uint64_t loadedAhead() const { return loaded_ahead_; }
   [[nodiscard]] const std::vector<std::string>& lost() const { return lost_; }
 
  private:
+  /// A tile that is read before it is needed. It stays in stored_, and counts as much as when it left.
+  struct Ahead {
+    TileBytes bytes;
+    std::uint64_t wanted;  ///< the last step that expected it
+    std::shared_ptr<std::optional<RollingTile>> tile;
+    DiskThread::Handle work;
+  };
+
+  [[nodiscard]] RollingTile* find(const TileIndex& id);
   [[nodiscard]] AccessibilityField newField(const TileIndex& id) const;
-  [[nodiscard]] RollingTile load(const TileIndex& id, const MapTime& now);
-  [[nodiscard]] RollingTile readBack(const TileIndex& id, const StoredTile& stored);
+  /// @param read  in advance, if it was
+  [[nodiscard]] RollingTile load(const TileIndex& id, const MapTime& now, std::optional<RollingTile> read);
+  /// On any thread. @param stored  with a serial
+  [[nodiscard]] RollingTile readBack(const TileIndex& id, std::uint64_t serial, const std::string& ids_sha256) const;
+  /// What was read in advance, if anything was.
+  [[nodiscard]] std::optional<RollingTile> takeAhead(const TileIndex& id);
+  void beginAhead(const TileIndex& id, const StoredTile& stored, std::uint64_t step);
+  void dropAhead(const TileIndex& id);
+  /// One that others need more leaves. @return false if there is none
+  bool dropOneAhead(const TileIndex& but, std::uint64_t wanted_before);
   /// A tile whose state is damaged: everything in it is closed.
   [[nodiscard]] RollingTile startClosed(const TileIndex& id);
+  [[nodiscard]] StoredTile describe(const RollingTile& tile);
   void save(const TileIndex& id, RollingTile& tile);
-  void removeFiles(const TileIndex& id, std::uint64_t serial) const;
-  void removeUnlessKept(const TileIndex& id, std::uint64_t serial) const;
+  void beginSaving(const TileIndex& id, RollingTile& tile, std::uint64_t step);
+  /// Its files are the tile's now, if they could be written.
+  void endSaving(const TileIndex& id, RollingTile& tile);
+  /// It will change: there never were such files.
+  void forgetSaving(const TileIndex& id, RollingTile& tile);
+  void doLater(std::function<void()> work);
+  void removeLater(const TileIndex& id, std::uint64_t serial);
+  void removeUnlessKept(const TileIndex& id, std::uint64_t serial);
+  /// Whatever a process that was killed has left.
+  void removeLeftovers() const;
   [[nodiscard]] double cellEdge_m() const;
-  [[nodiscard]] std::filesystem::path file(const TileIndex& id, std::uint64_t serial, const char* ending) const;
+  [[nodiscard]] RollingFiles filesOf(const TileIndex& id, std::uint64_t serial) const { return {folder_, id, serial}; }
   [[nodiscard]] bool isWithin(const TileBytes& all) const;
   [[nodiscard]] bool fitsWith(TileBytes more) const;
-  /// The one that was touched longest ago leaves. @return false if there is none but those
-  bool letOldestGo(const std::function<bool(const TileIndex& id, const RollingTile& tile)>& stays);
+  [[nodiscard]] TileBytes bytesToLoad(const TileIndex& id) const;
+  using Stays = std::function<bool(const TileIndex& id, const RollingTile& tile)>;
+  /// Those that may leave, the one that was touched longest ago first; of one step, the farthest.
+  [[nodiscard]] std::vector<TileIndex> leavers(const Stays& stays) const;
+  void letGo(const TileIndex& id);
+  /// The first of them leaves. @return false if there is none
+  bool letOldestGo(const Stays& stays);
+  void readAhead(const Outlook& outlook, std::uint64_t step);
+  void writeAhead(std::uint64_t step);
   [[nodiscard]] Eigen::Vector3d worldOf(const Eigen::Vector3f& p_L) const;
 
   std::vector<ToolSpec> tools_;
   FieldParams params_;
+  std::string described_;                           ///< the parameters, as all tiles have them
+  std::unique_ptr<internal::SharedTables> tables_;  ///< of all tiles
   std::filesystem::path folder_;
   Limits limits_;
   std::int32_t tile_voxels_;
   std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
-  std::map<TileIndex, StoredTile> stored_;  ///< disjoint from those in memory
-  TileBytes growth_;                        ///< that the next step may take
-  TileBytes empty_;                         ///< of a tile without returns, once one was made
-  std::set<std::uint64_t> kept_;            ///< serials that the last saveAll() named
-  std::uint64_t serial_ = 0, saved_ = 0, loaded_ = 0;
+  std::map<TileIndex, StoredTile> stored_;   ///< disjoint from those in memory
+  TileBytes growth_;                         ///< that the next step may take
+  TileBytes empty_;                          ///< of a tile without returns, once one was made
+  std::map<std::uint64_t, TileIndex> kept_;  ///< serials that the last saveAll() named
+  std::uint64_t serial_ = 0, saved_ = 0, loaded_ = 0, saved_ahead_ = 0, loaded_ahead_ = 0;
   std::vector<std::string> lost_;
+  std::uint64_t step_ = 0;                     ///< the last that said what it expects
+  std::map<TileIndex, std::size_t> expected_;  ///< its place: 0 = nearest
+  std::map<TileIndex, Ahead> ahead_;           ///< of stored_
+  std::vector<DiskThread::Handle> later_;      ///< what nobody waits for but saveAll()
+  DiskThread disk_;                            ///< the last member: its work reads the others
 };
 
 }  // namespace accessvdb::tiles

@@ -49,7 +49,13 @@ FolderLock lockOf(const fs::path& folder) {
   return {-1, taken};
 }
 
-/// Of any tile: nobody may ever try the same one again.
+/// Whether an id is the plan's, after at least this many flights.
+bool isOf(const Plan& plan, std::size_t flights, const std::string& id) {
+  return std::find(plan.ids.begin() + static_cast<std::ptrdiff_t>(flights) - 1, plan.ids.end(), id) != plan.ids.end();
+}
+
+}  // namespace
+
 void removeAttempts(const fs::path& out) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(tilesFolder(out), ignored)) {
@@ -60,13 +66,6 @@ void removeAttempts(const fs::path& out) {
     ::close(lock.fd);
   }
 }
-
-/// Whether an id is the plan's, after at least this many flights.
-bool isOf(const Plan& plan, std::size_t flights, const std::string& id) {
-  return std::find(plan.ids.begin() + static_cast<std::ptrdiff_t>(flights) - 1, plan.ids.end(), id) != plan.ids.end();
-}
-
-}  // namespace
 
 fs::path tileFolder(const fs::path& out, const TileId& id) { return tilesFolder(out) / id.name(); }
 
@@ -173,10 +172,10 @@ std::optional<Poison> readPoison(const fs::path& out, const TileId& id) {
   return poison;
 }
 
-AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id) : out_(out), id_(id) {
+AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id, Leftovers leftovers) : out_(out), id_(id) {
   std::error_code error;
   fs::create_directories(tilesFolder(out), error);
-  removeAttempts(out);
+  if (leftovers == Leftovers::Remove) removeAttempts(out);
   std::random_device random;
   for (int n = 0; n < kNameAttempts && !error; ++n) {
     const std::string number = std::to_string(std::uint64_t{random()} << 32 | random());

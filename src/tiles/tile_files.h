@@ -39,11 +39,15 @@ void markSplit(const std::filesystem::path& out, const Plan& plan, const TileId&
 /// @throws InputError "tile.damaged"
 [[nodiscard]] std::optional<Poison> readPoison(const std::filesystem::path& out, const TileId& id);
 
-/// A folder of its own for one attempt to run a tile, removed unless it was put in place. What killed processes left of
-/// any tile is removed too.
+/// Removes what killed processes left of attempts to run any tile: nobody may ever try the same one again.
+void removeAttempts(const std::filesystem::path& out);
+
+/// A folder of its own for one attempt to run a tile, removed unless it was put in place.
 class AttemptFolder {
  public:
-  AttemptFolder(const std::filesystem::path& out, const TileId& id);
+  enum class Leftovers { Remove, AreGone };
+  /// @param leftovers  what to do about them first (removeAttempts()): it takes a look at all tiles
+  AttemptFolder(const std::filesystem::path& out, const TileId& id, Leftovers leftovers = Leftovers::Remove);
   ~AttemptFolder();
   AttemptFolder(const AttemptFolder&) = delete;
   AttemptFolder& operator=(const AttemptFolder&) = delete;

@@ -1,12 +1,19 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which tiles need a return. Edges are powers of two voxels, so this takes shifts, no divisions.
+/// Which tiles need a return. Edges are powers of two voxels, so this takes shifts, no divisions. And how far beyond
+/// its core a tile needs them.
 #pragma once
 
 #include <bit>
 #include <cstdint>
 
+#include "accessvdb/tiles.h"
+#include "field/tools/window_margins.h"
+
 namespace accessvdb::tiles {
+
+/// @param reach  of the tools' results
+[[nodiscard]] TileMargins marginsFrom(const internal::WindowMargins& reach);
 
 struct TileRange {
   std::int32_t x_low, x_high, y_low, y_high;  ///< inclusive

@@ -14,6 +14,7 @@
 #include "field/tools/window_margins.h"
 #include "io/streams/sha256.h"
 #include "tiles/json_file.h"
+#include "tiles/tile_grid.h"
 #include "tool/tool_kernel.h"
 
 namespace accessvdb::tiles {
@@ -156,6 +157,10 @@ TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& p
     reach = internal::unionOf(
         reach, internal::windowMargins(internal::ToolKernel::make(spec.tool, resolved, progress), resolved));
   }
+  return marginsFrom(reach);
+}
+
+TileMargins marginsFrom(const internal::WindowMargins& reach) {
   const FieldWindow window = {{0, 0}, {FieldWindow::kEdge, FieldWindow::kEdge}};
   TileMargins margins;
   margins.returns_voxels = -internal::returnsOf(window, reach).low[0];

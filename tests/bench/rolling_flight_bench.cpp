@@ -3,7 +3,8 @@
 /// Memory and time of a rolling field along a flight through the forest of `accessvdb-lab bench`, out and back: a table
 /// with a row per 100 m. Options by environment: ACCESSVDB_BENCH_METRES (400; the way out and back together),
 /// ACCESSVDB_BENCH_VOXEL_MM (50), ACCESSVDB_BENCH_LIMIT_MB (2000; 0 = none), ACCESSVDB_BENCH_RANGE_M (30),
-/// ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 = all), TMPDIR for where tiles go.
+/// ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw),
+/// TMPDIR for where tiles go.
 #include <stdlib.h>
 
 #include <algorithm>
@@ -92,8 +93,13 @@ int run() {
       std::uint64_t{1000000} * static_cast<std::uint64_t>(environment("ACCESSVDB_BENCH_LIMIT_MB", 2000));
   options.tile_voxels = environment("ACCESSVDB_BENCH_TILE", 0);
   const std::uint64_t before = residentBytes("VmRSS:");
-  RollingField field({{ToolGeometry::builtin("builtin:pruner")}}, params, options);
+  const int sphere_deg = environment("ACCESSVDB_BENCH_SPHERE_DEG", 0);
+  const OrientationSet orientations = sphere_deg > 0 ? OrientationSet::sphere(sphere_deg) : OrientationSet::yaw();
+  const Moment making = Moment::now();
+  RollingField field({{ToolGeometry::builtin("builtin:pruner"), orientations}}, params, options);
+  const double made_ms = Moment::now().clock_ms - making.clock_ms;
   const RollingStatus begin = field.status();
+  std::printf("tables of the tool: %.0f ms, %.1f MB\n", made_ms, 1e-6 * static_cast<double>(begin.memory_bytes));
   std::printf("tiles of %d voxels, %.1f m, margin %.1f m; simulator and program %.0f MB\n", begin.tile_voxels,
               begin.tile_voxels * params.tsdf.voxel_size_m, begin.margin_voxels * params.tsdf.voxel_size_m,
               1e-6 * static_cast<double>(before));

@@ -6,13 +6,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdint>
-#include <cstdlib>
 #include <fstream>
 #include <functional>
 #include <memory>
-#include <ostream>
 #include <random>
 #include <string>
 #include <vector>
@@ -21,127 +18,14 @@
 #include "accessvdb/error.h"
 #include "accessvdb/rolling_field.h"
 #include "accessvdb/tiles.h"
-#include "accessvdb/tool_spec.h"
 #include "field/tools/window_margins.h"
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
-#include "state_streams.h"
-#include "support/box_tool.h"
-#include "support/determinism_support.h"
-#include "support/scratch_folder.h"
+#include "rolling_walks.h"
 #include "tiles/json_file.h"
 
 namespace accessvdb::test {
 namespace {
-
-struct Case {
-  std::string name;
-  std::uint64_t seed = 1;
-  ChangeMode change = ChangeMode::Off;
-  int update_every = 1;  ///< 0: only at the end
-  int tools = 1;
-  bool ray_cloud = false;
-  double memory_share = 0.7;  ///< of what all tiles take
-};
-void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
-
-/// ACCESSVDB_ROLLING_WORLDS: so many more.
-int worlds(int otherwise) {
-  const char* given = std::getenv("ACCESSVDB_ROLLING_WORLDS");
-  return given != nullptr ? std::atoi(given) : otherwise;
-}
-
-constexpr double kVoxel_m = 0.05;
-constexpr std::int32_t kTile_voxels = 128;
-
-struct Step {
-  std::vector<Eigen::Vector3d> points_W, sensors_W;
-};
-
-/// Boards and poles along a way of 40 m that is walked there and back, with what stands near the sensor seen.
-std::vector<Step> walk(const Case& test, int steps = 40) {
-  std::mt19937_64 random(test.seed);
-  struct Board {
-    Eigen::Vector3d corner, along, up;
-  };
-  std::vector<Board> boards;
-  for (int n = 0; n < 160; ++n) {
-    const double heading = uniform(random, 0, 6.28), length = uniform(random, 0.1, 1.2);
-    boards.push_back({{uniform(random, -20, 20), uniform(random, -3, 3), uniform(random, -1, 0.5)},
-                      {length * std::cos(heading), length * std::sin(heading), 0},
-                      {uniform(random, -0.1, 0.1), uniform(random, -0.1, 0.1), uniform(random, 0.2, 1.5)}});
-  }
-  std::vector<Step> walk;
-  for (int s = 0; s < steps; ++s) {
-    Step& step = walk.emplace_back();
-    const double at = 2.0 * s / steps, x = at <= 1 ? 40 * at - 20 : 60 - 40 * at;
-    const Eigen::Vector3d sensor_W(x, uniform(random, -1, 1), uniform(random, 0, 1));
-    std::vector<Board> near;
-    for (const Board& board : boards)
-      if ((board.corner - sensor_W).norm() < 4) near.push_back(board);
-    if (s % 11 == 7) near.clear();  // nothing in view
-    for (int n = 0; n < 1500 && !near.empty(); ++n) {
-      const Board& board = near[random() % near.size()];
-      const Eigen::Vector3d noise(uniform(random, -0.02, 0.02), uniform(random, -0.02, 0.02),
-                                  uniform(random, -0.02, 0.02));
-      step.points_W.push_back(board.corner + uniform(random, 0, 1) * board.along + uniform(random, 0, 1) * board.up +
-                              noise);
-      if (test.ray_cloud) step.sensors_W.push_back(sensor_W + Eigen::Vector3d(1e-4 * n, 0, 0));
-    }
-    if (step.sensors_W.empty()) step.sensors_W.push_back(sensor_W);
-  }
-  return walk;
-}
-
-std::vector<ToolSpec> toolsOf(const Case& test) {
-  std::vector<ToolSpec> tools;
-  tools.push_back({armTool(), OrientationSet::yaw(), 0, "arm", 0});
-  if (test.tools > 1) {
-    tools.push_back(
-        {boxTool({-0.03F, -0.2F, -0.05F}, {0.35F, 0.07F, 0.31F}), OrientationSet::sphere(30), 2, "hook", 0});
-  }
-  return tools;
-}
-
-FieldParams paramsOf(const Case& test) {
-  FieldParams params = cpuParams(kVoxel_m);
-  params.backend = backendNamedBy("ACCESSVDB_TILE_DEVICE");
-  params.change.mode = test.change;
-  return params;
-}
-
-void integrate(AccessibilityField& field, const Step& step, double stamp_s) {
-  field.integrateRays(step.points_W, step.sensors_W, stamp_s);
-}
-void integrate(RollingField& field, const Step& step, double stamp_s) {
-  field.integrateRays(step.points_W, step.sensors_W, stamp_s);
-}
-
-/// What is promised: the rest depends on when a point was looked at.
-bool samePromise(const SurfacePoint& a, const SurfacePoint& b) {
-  if (a.id != b.id || a.position_W != b.position_W || a.label != b.label || a.tools != b.tools) return false;
-  if (!same(a.weight, b.weight)) return false;
-  return a.label != PointLabel::Accessible ||
-         (a.score == b.score && a.direction == b.direction && a.roll == b.roll && a.tool == b.tool);
-}
-
-std::size_t differences(const FieldSnapshot& a, const FieldSnapshot& b) {
-  std::size_t count = std::max(a.points.size(), b.points.size()) - std::min(a.points.size(), b.points.size());
-  for (std::size_t n = 0; n < std::min(a.points.size(), b.points.size()); ++n) {
-    if (!samePromise(a.points[n], b.points[n])) ++count;
-  }
-  return count;
-}
-
-/// What all tiles take.
-std::uint64_t bytesOfAll(const Case& test, const std::vector<Step>& steps) {
-  const ScratchFolder scratch;
-  RollingField all(toolsOf(test), paramsOf(test), {.folder = scratch / "tiles", .tile_voxels = kTile_voxels});
-  for (std::size_t n = 0; n < steps.size(); ++n) integrate(all, steps[n], 0.1 * static_cast<double>(n));
-  all.update();
-  EXPECT_EQ(all.status().saved, 0U);
-  return all.status().memory_bytes + all.status().device_bytes;
-}
 
 class Rolling : public ::testing::TestWithParam<Case> {};
 
@@ -295,6 +179,36 @@ TEST(RollingLimit, IsSaidWhereItIsReached) {
   EXPECT_GT(before, 0U);
 }
 
+internal::VoxelColumnBox coreOf(const std::string& tile) {
+  return internal::coreOf(tiles::TileId::parse(tile).window(kTile_voxels));
+}
+
+bool isInside(const internal::VoxelColumnBox& core, const SurfacePoint& point, const FieldSnapshot& snapshot) {
+  const Eigen::Vector3f p_L = (point.position_W - snapshot.origin_W).cast<float>();
+  const auto ijk =
+      kernels::voxelOf(p_L.x(), p_L.y(), p_L.z(), kernels::VoxelScale(snapshot.voxel_size_m).inverse_float32);
+  return core.contains({ijk[0], ijk[1], ijk[2]});
+}
+
+/// The state in a folder whose tile has most accessible points, of those up to a column from the west. The first scan
+/// is in column 0.
+std::filesystem::path mostAccessible(const std::filesystem::path& folder, const FieldSnapshot& labels,
+                                     std::int32_t up_to_x) {
+  std::filesystem::path found;
+  std::ptrdiff_t most = 0;
+  const std::vector<SurfacePoint> accessible = labels.accessible();
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    if (entry.path().extension() != ".state" || tiles::TileId::parse(tileOf(entry.path())).x > up_to_x) continue;
+    const internal::VoxelColumnBox core = coreOf(tileOf(entry.path()));
+    const auto count = std::count_if(accessible.begin(), accessible.end(),
+                                     [&](const SurfacePoint& point) { return isInside(core, point, labels); });
+    if (count <= most) continue;
+    most = count;
+    found = entry.path();
+  }
+  return found;
+}
+
 /// A state that is damaged costs its tile, in words, and no other.
 TEST(RollingLoss, IsOneTileThatIsNamed) {
   const Case test = {.name = "loss", .seed = 9};
@@ -306,35 +220,29 @@ TEST(RollingLoss, IsOneTileThatIsNamed) {
   options.tile_voxels = kTile_voxels;
   AccessibilityField unlimited(toolsOf(test), paramsOf(test));
   RollingField rolling(toolsOf(test), paramsOf(test), options);
-  std::string damaged;
+  std::string damaged;  // far from where the sensor is then, so that the tile is neither in memory nor read ahead
+  for (std::size_t n = 0; n < steps.size(); ++n) integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+  unlimited.update();
   for (std::size_t n = 0; n < steps.size(); ++n) {
-    integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
     integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
     if (n != 12) continue;
-    for (const auto& entry : std::filesystem::directory_iterator(options.folder)) {
-      if (entry.path().extension() != ".state") continue;
-      std::string bytes = bytesOf(entry.path());
-      bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
-      writeBytes(entry.path(), bytes);
-      damaged = entry.path().filename().string();
-      damaged.resize(damaged.find('.'));
-      break;
-    }
+    rolling.checkpoint();
+    const std::filesystem::path file = mostAccessible(options.folder, unlimited.snapshot(), /*up_to_x=*/2);
+    ASSERT_FALSE(file.empty());
+    std::string bytes = bytesOf(file);
+    bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
+    writeBytes(file, bytes);
+    damaged = tileOf(file);
   }
   ASSERT_FALSE(damaged.empty());
-  unlimited.update();
   rolling.update();
   const FieldSnapshot found = rolling.snapshot();
   EXPECT_EQ(rolling.status().lost_tiles, std::vector<std::string>{damaged});
-  const internal::VoxelColumnBox core = internal::coreOf(tiles::TileId::parse(damaged).window(kTile_voxels));
+  const internal::VoxelColumnBox core = coreOf(damaged);
   std::size_t accessible = 0;
   for (const SurfacePoint& point : found.points) {
     if (point.label != PointLabel::Accessible) continue;
-    const Eigen::Vector3f p_L = (point.position_W - found.origin_W).cast<float>();
-    const auto ijk =
-        kernels::voxelOf(p_L.x(), p_L.y(), p_L.z(), kernels::VoxelScale(found.voxel_size_m).inverse_float32);
-    const bool inside = core.contains({ijk[0], ijk[1], ijk[2]});
-    EXPECT_FALSE(inside);
+    EXPECT_FALSE(isInside(core, point, found));
     EXPECT_EQ(unlimited.pointAt(point.position_W)->label, PointLabel::Accessible);
     ++accessible;
   }
@@ -457,7 +365,10 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
 }
 
 /// A folder that takes no more files: the step is refused before anything changes, and can be repeated.
-TEST(RollingLimit, OfTheDiskRefusesAStepAndNothingElse) {
+class RollingDiskLimit : public ::testing::TestWithParam<Pace> {};
+
+TEST_P(RollingDiskLimit, RefusesAStepAndNothingElse) {
+  const WithPace with(GetParam());
   const Case test = {.name = "disk", .seed = 14};
   const std::vector<Step> steps = walk(test, 20);
   const ScratchFolder scratch;
@@ -487,6 +398,7 @@ TEST(RollingLimit, OfTheDiskRefusesAStepAndNothingElse) {
   EXPECT_TRUE(rolling.status().lost_tiles.empty());
   EXPECT_EQ(differences(unlimited.snapshot(), rolling.snapshot()), 0U);
 }
+INSTANTIATE_TEST_SUITE_P(Paces, RollingDiskLimit, ::testing::Values(Pace::AtOnce, Pace::WhenNeeded));
 
 TEST(RollingRefusals, NameWhatIsWrong) {
   const Case test = {.name = "refusals"};

@@ -50,8 +50,10 @@ ToolsOfField::ToolsOfField(std::vector<ToolSpec> specs, const FieldParams& resol
     : shared_(shared), specs_(std::move(specs)) {
   for (std::size_t n = 0; n < specs_.size(); ++n) {
     const FieldParams params = n == 0 ? resolved : resolvedFor(specs_[n], resolved);
-    ToolScoring& tool =
-        *tools_.emplace_back(std::make_unique<ToolScoring>(specs_[n], params, shared.backend, progress));
+    auto tables = shared.tables != nullptr
+                      ? shared.tables->tablesOf(n, specs_[n].tool, params, shared.backend, progress)
+                      : std::make_shared<const ScoringSetup>(specs_[n].tool, params, shared.backend, progress);
+    ToolScoring& tool = *tools_.emplace_back(std::make_unique<ToolScoring>(params, std::move(tables)));
     while (tool.views_of < n && !sameDirections(tools_[tool.views_of]->params, params)) ++tool.views_of;
     if (tool.views_of == n) {
       tool.own_points = std::make_unique<PointStore>(params, tool.setup.directions());
@@ -122,7 +124,7 @@ std::vector<SavedTool> ToolsOfField::saved() const {
 std::uint64_t ToolsOfField::hostBytes() const {
   std::uint64_t bytes = 0;
   for (const auto& tool : tools_) {
-    bytes += tool->setup.hostBytes();
+    if (shared_.tables == nullptr) bytes += tool->setup.hostBytes();
     if (tool->scorer) bytes += tool->scorer->hostBytes();
     if (tool->own_points) bytes += tool->own_points->bytes();
   }
@@ -131,8 +133,10 @@ std::uint64_t ToolsOfField::hostBytes() const {
 
 std::uint64_t ToolsOfField::deviceBytes() const {
   std::uint64_t bytes = 0;
-  for (const auto& tool : tools_)
-    bytes += tool->setup.deviceBytes() + (tool->scorer ? tool->scorer->device().bytes() : 0);
+  for (const auto& tool : tools_) {
+    if (shared_.tables == nullptr) bytes += tool->setup.deviceBytes();
+    if (tool->scorer) bytes += tool->scorer->device().bytes();
+  }
   return bytes;
 }
 

@@ -7,6 +7,7 @@
 
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/error.h"
@@ -15,6 +16,7 @@
 #include "change/gone_points.h"
 #include "field/state/state_head.h"
 #include "field/tools/scoring_setup.h"
+#include "field/tools/shared_tables.h"
 #include "field/tools/window_margins.h"
 #include "tsdf/packed_map.h"
 #include "update/scheduler.h"
@@ -30,14 +32,14 @@ void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& res
 
 /// How points are scored for one tool.
 struct ToolScoring {
-  ToolScoring(const ToolSpec& spec, const FieldParams& resolved, kernels::Backend& backend,
-              const TableProgress& progress)
-      : params(resolved), setup(spec.tool, params, backend, progress) {}
+  ToolScoring(const FieldParams& resolved, std::shared_ptr<const ScoringSetup> made)
+      : params(resolved), tables(std::move(made)), setup(*tables) {}
 
   [[nodiscard]] std::uint16_t collisionLimit() const { return setup.tool().collision_limit; }
 
-  FieldParams params;  ///< resolved, as if the tool were alone
-  ScoringSetup setup;
+  FieldParams params;                          ///< resolved, as if the tool were alone
+  std::shared_ptr<const ScoringSetup> tables;  ///< its own, or those of several fields
+  const ScoringSetup& setup;
   std::size_t views_of = 0;                ///< number of the tool whose store it reads
   std::unique_ptr<PointStore> own_points;  ///< null: it reads another's
   PointStore* points = nullptr;
@@ -53,6 +55,7 @@ class ToolsOfField {
     kernels::Backend& backend;
     std::optional<VoxelColumnBox> core;  ///< as for makeMapReads()
     const GonePoints* gone = nullptr;    ///< only for ChangeMode::Full
+    SharedTables* tables = nullptr;      ///< of several fields; null: these tools make their own
   };
 
   /// @param specs  named, at least one  @param resolved  for the first of them
@@ -81,7 +84,7 @@ class ToolsOfField {
   /// What a saved state says of the tools; nothing of one alone.
   [[nodiscard]] std::vector<SavedTool> saved() const;
 
-  // After a device failed during forget(), tools may lack a scorer.
+  // Without tables that several fields share. After a device failed during forget(), tools may lack a scorer.
   [[nodiscard]] std::uint64_t hostBytes() const;  ///< with the stores of points
   [[nodiscard]] std::uint64_t deviceBytes() const;
 

@@ -232,6 +232,20 @@ void removeUnlessWritten(const std::filesystem::path& temp) {
   ::close(fd);
 }
 
+/// Folders that this process fills alone.
+struct LockedFolders {
+  std::mutex mutex;
+  std::map<std::pair<dev_t, ino_t>, int> descriptors;
+};
+LockedFolders locked_folders;
+
+bool isLockedByUs(const std::filesystem::path& folder) {
+  struct stat info;
+  if (::stat(folder.c_str(), &info) != 0) return false;
+  const std::lock_guard lock(locked_folders.mutex);
+  return locked_folders.descriptors.contains({info.st_dev, info.st_ino});
+}
+
 /// What killed runs left of one target, whose folder may be anybody's.
 void removeStaleTempsOf(const std::filesystem::path& target) {
   const std::string begin = "." + target.filename().string() + ".";
@@ -285,7 +299,8 @@ UnfinishedFiles unfinished_files;
 class TempFile {
  public:
   explicit TempFile(const std::filesystem::path& target) : target_(target) {
-    removeStaleTempsOf(target);
+    // A folder that is ours was swept when it became so, and need not be listed for each file.
+    if (!isLockedByUs(folderOf(target))) removeStaleTempsOf(target);
     for (int attempt = 0; attempt < kTempNameAttempts; ++attempt) {
       temp_ = folderOf(target) /
               std::string(".").append(target.filename().string()).append(".").append(randomHex()).append(".tmp");
@@ -400,9 +415,8 @@ void removeStaleTemps(const std::filesystem::path& folder, bool locked) {
 /// Two processes must not fill one folder. The lock is the folder's own and ends with the process.
 /// @return false: the file system has no locks; the renames still keep every single file whole
 bool lockFolder(const std::filesystem::path& folder) {
-  static std::mutex mutex;
-  static std::map<std::pair<dev_t, ino_t>, int> locked;
-  const std::lock_guard lock(mutex);
+  const std::lock_guard lock(locked_folders.mutex);
+  auto& locked = locked_folders.descriptors;
   const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (fd < 0) throwOutputError(errno, folder, "open the folder");
   struct stat info;
