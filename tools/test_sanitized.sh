@@ -30,9 +30,9 @@ case $preset in
   tsan)
     options[TSAN_OPTIONS]=$common:suppressions=$suppressions/tsan.supp:second_deadlock_stack=1
     options[LD_LIBRARY_PATH]=$build/tbb
-    # Live, asynchronous updates, tiles, output checks. What reads a mesh or a .vdb file starts a thread in a child of a
+    # Live, asynchronous updates, tiles, rolling fields, output checks. What reads a mesh or a .vdb file starts a thread in a child of a
     # process with threads (src/io/streams/guarded_child.h), which this sanitizer does not support.
-    left_out=(-R 'Live|PoseBuffer|AsyncUpdate|BackgroundUpdate|Ticket|Shard|TileId|OutputCheck|^sanitizers')
+    left_out=(-R 'Live|PoseBuffer|AsyncUpdate|BackgroundUpdate|Ticket|Shard|TileId|OutputCheck|DiskThread|RollingResume|^sanitizers')
     ;;
   *) echo "test_sanitized: error: no preset $preset with sanitizers: asan or tsan" >&2 && exit 2 ;;
 esac

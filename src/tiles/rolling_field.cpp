@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <mutex>
-#include <set>
 #include <utility>
 
 #include "accessvdb/config.h"
@@ -22,13 +20,16 @@
 #include "field/tools/shared_tables.h"
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
+#include "tiles/folder_in_use.h"
 #include "tiles/ray_files.h"
+#include "tiles/rolling_manifest.h"
 #include "tiles/rolling_tiles.h"
 #include "tiles/sensor_course.h"
 #include "tiles/step_sorter.h"
 #include "tiles/tile_files.h"
 #include "tiles/tile_grid.h"
 #include "tiles/tile_writer.h"
+#include "update/update_stats_sum.h"
 
 namespace accessvdb {
 namespace {
@@ -39,8 +40,6 @@ using tiles::RollingTile;
 using tiles::TileIndex;
 
 constexpr std::int32_t kLargestTile_voxels = 1 << 16;
-constexpr const char* kManifest = "rolling.json";
-constexpr int kSchema = 1;
 
 /// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of
 /// tiles with edge e, the ones that a scan of range R touches hold about (2 R + e)^2 (1 + 2 m / e)^2, least at
@@ -76,47 +75,6 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
   }
 }
 
-/// Other processes are kept out by io::prepareOutputFolder().
-class FolderInUse {
- public:
-  FolderInUse() = default;
-  explicit FolderInUse(const fs::path& folder) : folder_(fs::canonical(folder)) {
-    const std::scoped_lock locked(lock());
-    if (folders().insert(folder_).second) return;
-    folder_.clear();
-    throw OutputError("output.locked", folder.string(), "is the folder of another field of this program",
-                      "Wait for its end, or choose another folder");
-  }
-  FolderInUse(FolderInUse&& other) noexcept : folder_(std::exchange(other.folder_, fs::path())) {}
-  FolderInUse& operator=(FolderInUse&& other) noexcept {
-    std::swap(folder_, other.folder_);
-    return *this;
-  }
-  ~FolderInUse() {
-    if (folder_.empty()) return;
-    const std::scoped_lock locked(lock());
-    folders().erase(folder_);
-  }
-
- private:
-  static std::mutex& lock() {
-    static std::mutex mutex;
-    return mutex;
-  }
-  static std::set<fs::path>& folders() {
-    static std::set<fs::path> in_use;
-    return in_use;
-  }
-  fs::path folder_;
-};
-
-/// Nothing of the user's lies where tiles are written and deleted.
-void requireEmpty(const fs::path& folder) {
-  if (!io::isThere(folder, ErrorCode::Output)) return;
-  if (fs::is_directory(folder) && fs::is_empty(folder)) return;
-  throw OutputError("output.foreign", folder.string(), "is not an empty folder", "Choose another one");
-}
-
 void add(const FrameStats& of_tile, FrameStats& stats) {
   stats.touched_leaves += of_tile.touched_leaves;
   stats.new_leaves += of_tile.new_leaves;
@@ -126,17 +84,6 @@ void add(const FrameStats& of_tile, FrameStats& stats) {
   stats.changed_leaves += of_tile.changed_leaves;
   stats.mirror_bytes += of_tile.mirror_bytes;
   stats.flipped_voxels += of_tile.flipped_voxels;
-}
-
-void add(const UpdateStats& of_tile, UpdateStats& stats) {
-  stats.dirty_points += of_tile.dirty_points;
-  stats.scored_points += of_tile.scored_points;
-  stats.direction_tests += of_tile.direction_tests;
-  stats.backlog += of_tile.backlog;
-  stats.label_changes += of_tile.label_changes;
-  stats.update_ms += of_tile.update_ms;
-  stats.score_ms += of_tile.score_ms;
-  stats.moved_points += of_tile.moved_points;
 }
 
 }  // namespace
@@ -156,9 +103,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         tiles(tools, given, std::move(tables), options.folder, {options.memory_limit_bytes, options.device_limit_bytes},
               tile_voxels) {
     requireRolling(params, options, margins);
-    if (!resumed) requireEmpty(options.folder);
+    if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
     io::prepareOutputFolder(options.folder);
-    in_use = FolderInUse(options.folder);
+    in_use = tiles::FolderInUse(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
   }
 
@@ -361,71 +308,41 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return identified(std::move(plan));
   }
 
+  [[nodiscard]] tiles::MadeWith madeWith() const { return {tools, params, tile_voxels}; }
   /// @param saved  RollingTiles::saveAll()
-  [[nodiscard]] tiles::Json manifest(const tiles::Json& saved, const std::string& of_caller) const {
-    tiles::Json stamps = tiles::Json::array();
-    for (const double stamp_s : stamps_s)
-      stamps.push_back(std::isfinite(stamp_s) ? tiles::Json(stamp_s) : tiles::Json());
-    tiles::Json json = {{"schema", kSchema},
-                        {"program", ACCESSVDB_VERSION},
-                        {"parameters", describeTools(tools, params)},
-                        {"tool_sha256", toolListSha256(tools)},
-                        {"tile_voxels", tile_voxels},
-                        {"points", points},
-                        {"age_s", age_s},
-                        {"left_out_returns", left_out_returns},
-                        {"first_ids", first_ids},
-                        {"stamps_s", stamps},
-                        {"lost_tiles", tiles.lost()},
-                        {"note", of_caller},
-                        {"points_in", taken.points_in},
-                        {"points_used", taken.points_used},
-                        {"dropped", taken.dropped},
-                        {"tiles", saved}};
+  [[nodiscard]] tiles::RollingManifest manifest(tiles::Json saved, const std::string& of_caller) const {
+    tiles::RollingManifest manifest;
+    manifest.points = points;
+    manifest.age_s = age_s;
+    manifest.left_out_returns = left_out_returns;
+    manifest.first_ids = first_ids;
+    manifest.stamps_s = stamps_s;
+    manifest.lost_tiles = tiles.lost();
+    manifest.note = of_caller;
+    manifest.taken = taken;
+    manifest.tiles = std::move(saved);
     const Eigen::Vector3d& origin_W = gate.origin_W();
-    if (gate.hasOrigin()) json["origin_W"] = {origin_W.x(), origin_W.y(), origin_W.z()};
-    if (const auto latest_s = clock.latest_s()) json["latest_s"] = *latest_s;
-    return json;
+    if (gate.hasOrigin()) manifest.origin_W = {origin_W.x(), origin_W.y(), origin_W.z()};
+    manifest.latest_s = clock.latest_s();
+    return manifest;
   }
-  [[noreturn]] void refuseManifest() const {
-    throw InputError("rolling.damaged", (options.folder / kManifest).string(), "says what no field can be",
-                     "Use another folder");
-  }
-  void restore(const tiles::Json& json) {
-    const auto same = [&](const char* what, const std::string& value) {
-      return json.at(what).get<std::string>() == value;
-    };
-    if (!same("program", ACCESSVDB_VERSION) || !same("parameters", describeTools(tools, params)) ||
-        !same("tool_sha256", toolListSha256(tools)) || json.at("tile_voxels").get<std::int32_t>() != tile_voxels) {
-      throw UnusableInput("rolling.changed", options.folder.string(),
-                          "was made with other tools, parameters or tiles, or by another version",
-                          "Use what it was made with, or another folder");
+  void restore(const tiles::RollingManifest& manifest) {
+    points = manifest.points;
+    age_s = manifest.age_s;
+    left_out_returns = manifest.left_out_returns;
+    first_ids = manifest.first_ids;
+    stamps_s = manifest.stamps_s;
+    note = manifest.note;
+    taken = manifest.taken;
+    if (manifest.latest_s) clock = internal::FieldClock(*manifest.latest_s);
+    if (manifest.origin_W) {
+      gate.restoreOrigin(Eigen::Vector3d(manifest.origin_W->data()));
+      tiles.setOrigin(*manifest.origin_W);
     }
-    if (json.at("schema").get<int>() != kSchema) refuseManifest();
-    json.at("points").get_to(points);
-    json.at("age_s").get_to(age_s);
-    json.at("left_out_returns").get_to(left_out_returns);
-    json.at("first_ids").get_to(first_ids);
-    for (const tiles::Json& stamp : json.at("stamps_s"))
-      stamps_s.push_back(stamp.is_null() ? std::numeric_limits<double>::quiet_NaN() : stamp.get<double>());
-    json.at("note").get_to(note);
-    json.at("points_in").get_to(taken.points_in);
-    json.at("points_used").get_to(taken.points_used);
-    json.at("dropped").get_to(taken.dropped);
-    if (json.contains("latest_s")) clock = internal::FieldClock(json.at("latest_s").get<double>());
-    if (json.contains("origin_W")) {
-      const auto origin_W = json.at("origin_W").get<std::array<double, 3>>();
-      gate.restoreOrigin(Eigen::Vector3d(origin_W.data()));
-      tiles.setOrigin(origin_W);
-    }
-    const bool ordered = std::is_sorted(first_ids.begin(), first_ids.end()) &&
-                         (first_ids.empty() || (first_ids.front() == 0 && first_ids.back() <= points));
-    if (!ordered || first_ids.size() != stamps_s.size() || (!gate.hasOrigin() && !json.at("tiles").empty()))
-      refuseManifest();
     try {
-      tiles.restore(json.at("tiles"), json.at("lost_tiles").get<std::vector<std::string>>());
+      tiles.restore(manifest.tiles, manifest.lost_tiles);
     } catch (const InvalidArgument&) {
-      refuseManifest();
+      tiles::refuseManifest(options.folder);
     }
     attempt = tiles.latestTouch();
   }
@@ -433,7 +350,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   std::vector<ToolSpec> tools;
   FieldParams params;  ///< resolved, for the first tool
   RollingOptions options;
-  FolderInUse in_use;
+  tiles::FolderInUse in_use;
   std::unique_ptr<internal::SharedTables> tables;  ///< until `tiles` takes it
   tiles::TileMargins margins;
   std::int32_t tile_voxels;
@@ -452,12 +369,8 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
   bool memory_short = false, whole = true;
   double fitting_range_m = 0;
-  /// Returns of all steps.
-  struct Taken {
-    std::uint64_t points_in = 0, points_used = 0;
-    std::array<std::uint64_t, kNumDropReasons> dropped = {};
-  } taken;
-  std::string note;  ///< of the last checkpoint
+  tiles::TakenReturns taken;  ///< of all steps
+  std::string note;           ///< of the last checkpoint
 };
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
@@ -490,7 +403,7 @@ UpdateStats RollingField::update() {
     for (auto& [id, tile] : impl_->tiles.tilesInMemory()) {
       if (!tile->behind) continue;
       impl_->tiles.noteChange(id, *tile);
-      add(tile->field.update(), all);
+      internal::add(tile->field.update(), all);
       tile->behind = false;
       tile->updated = true;
       impl_->measure(*tile);
@@ -505,7 +418,7 @@ UpdateStats RollingField::update() {
 void RollingField::checkpoint(const std::string& note) {
   impl_->requireWhole();
   const tiles::Json saved = impl_->tiles.saveAll();
-  tiles::writeJson(impl_->options.folder / kManifest, impl_->manifest(saved, note));
+  tiles::writeManifest(impl_->options.folder, impl_->manifest(saved, note), impl_->madeWith());
   impl_->tiles.keep(saved);
   impl_->note = note;
 }
@@ -514,16 +427,12 @@ const std::string& RollingField::note() const { return impl_->note; }
 
 RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                                   const TableProgress& progress) {
-  const fs::path file = options.folder / kManifest;
-  if (!io::isThere(file)) {
-    throw InputError("rolling.missing", file.string(), "is not there",
-                     "Name the folder of an earlier run, or start without resuming");
-  }
+  const fs::path folder = options.folder;
   RollingField field;
-  tiles::readJson(file, "rolling", [&](const tiles::Json& json) {
-    if (options.tile_voxels == 0) json.at("tile_voxels").get_to(options.tile_voxels);
+  tiles::readManifest(folder, [&](const tiles::Json& json) {
+    if (options.tile_voxels == 0) options.tile_voxels = tiles::tileVoxelsOf(json);
     field.impl_ = std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, true);
-    field.impl_->restore(json);
+    field.impl_->restore(tiles::manifestFrom(json, folder, field.impl_->madeWith()));
   });
   return field;
 }

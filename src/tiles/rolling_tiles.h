@@ -87,6 +87,9 @@ class RollingTile {
 
 class RollingTiles {
  public:
+  /// Steps without a return after which a tile is likely to be done with for a while: those at the end of the range get
+  /// some now and then.
+  static constexpr std::uint64_t kIdleSteps = 8;
   struct Limits {
     std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< 0 = none
   };

@@ -11,6 +11,7 @@
 
 #include "points/point_store.h"
 #include "update/scheduler.h"
+#include "update/update_stats_sum.h"
 
 namespace accessvdb::internal {
 
@@ -77,14 +78,7 @@ class SchedulerOfTools final : public UpdateScheduler {
     for (const Part& part : parts_) {
       const bool last = &part == &parts_.back();
       part.scheduler->whenMapIsReleased(last ? std::function<void()>([this] { releaseMap(); }) : nullptr);
-      const UpdateStats stats = part.scheduler->update(mirror);
-      all.dirty_points += stats.dirty_points;
-      all.scored_points += stats.scored_points;
-      all.direction_tests += stats.direction_tests;
-      all.backlog += stats.backlog;
-      all.label_changes += stats.label_changes;
-      all.moved_points += stats.moved_points;
-      all.score_ms += stats.score_ms;
+      add(part.scheduler->update(mirror), all);
     }
     return all;
   }
