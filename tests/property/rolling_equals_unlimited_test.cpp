@@ -100,7 +100,13 @@ TEST(RollingFolder, MergesIntoOnePiece) {
   EXPECT_EQ(bytesOf(scratch / "merged.ply"), bytesOf(scratch / "whole" / "points.ply"));
   tiles::mergeGrids({scratch / "out", done, scratch / "merged.ply", scratch / "merged.vdb", {}, 2});
   EXPECT_EQ(bytesOf(scratch / "merged.vdb"), bytesOf(scratch / "whole" / "field.vdb"));
-  EXPECT_THROW(rolling.write(scratch / "out"), OutputError) << "it holds a result";
+  // A call that was cut off may be repeated; another result is not replaced.
+  const std::string listed = bytesOf(scratch / "out" / "plan.json");
+  rolling.write(scratch / "out");
+  EXPECT_EQ(bytesOf(scratch / "out" / "plan.json"), listed);
+  integrate(rolling, steps.front(), 1e3);
+  EXPECT_THROW(rolling.write(scratch / "out"), OutputError) << "it holds the result of another moment";
+  EXPECT_EQ(bytesOf(scratch / "out" / "plan.json"), listed);
 }
 
 /// Where the tiles of one scan do not fit, what is left out blocks.
