@@ -308,6 +308,18 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return identified(std::move(plan));
   }
 
+  /// Whether a folder holds the result of the same scans.
+  [[nodiscard]] bool isOf(const tiles::Plan& plan, const fs::path& out) const {
+    const tiles::Plan there = tiles::readPlan(out);
+    if (there.id() != plan.id() || there.flights.size() != 1 ||
+        there.flights.front().stamps_s != plan.flights.front().stamps_s) {
+      return false;
+    }
+    const auto rays = tiles::binned(out, there);
+    return rays && rays->points_in == taken.points_in && rays->points_used == taken.points_used &&
+           rays->dropped == taken.dropped;
+  }
+
   [[nodiscard]] tiles::MadeWith madeWith() const { return {tools, params, tile_voxels}; }
   /// @param saved  RollingTiles::saveAll()
   [[nodiscard]] tiles::RollingManifest manifest(tiles::Json saved, const std::string& of_caller) const {
@@ -488,7 +500,7 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   tiles::requireOwnFolders(out);
   const tiles::Plan plan = impl_->plan(source);
   // One that was killed just before its end may be repeated.
-  if (tiles::hasPlan(out) && tiles::readPlan(out).id() != plan.id()) {
+  if (tiles::hasPlan(out) && !impl_->isOf(plan, out)) {
     throw OutputError("output.foreign", out.string(), "holds the tiles of another run", "Choose another folder");
   }
   update();
