@@ -3,7 +3,6 @@
 /// MCAP (ROS 2's default, version 0 of the format): https://mcap.dev/spec
 ///
 /// magic, then records of opcode (1 byte), length (8), content. The index at the end is not used.
-#include <zlib.h>
 
 #include <algorithm>
 #include <array>
@@ -12,25 +11,19 @@
 #include "accessvdb/error.h"
 #include "bags/byte_buffer.h"
 #include "bags/chunk_bytes.h"
+#include "bags/mcap_format.h"
 #include "bags/record_reader.h"
 #include "bags/recording.h"
 
 namespace accessvdb::bags {
 namespace {
 
-constexpr std::string_view kMagic{"\x89MCAP0\r\n", 8};
 constexpr std::size_t kRecordHead = 9;
 /// Length of a chunk's content before the name of its compression: start, end, size, checksum.
 constexpr std::size_t kChunkHead = 28;
 constexpr std::size_t kMostWord = 64;
 /// Schemas may be long texts; nothing else that is read outside of chunks is, except messages.
 constexpr std::uint64_t kMostRecordBytes = std::uint64_t{16} << 20;
-
-enum Opcode : unsigned char { kFooter = 2, kSchema = 3, kChannel = 4, kMessage = 5, kChunk = 6, kDataEnd = 15 };
-
-std::uint32_t crc32Of(std::string_view bytes) {
-  return static_cast<std::uint32_t>(::crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
-}
 
 struct Head {
   unsigned char opcode = 0;
@@ -45,15 +38,15 @@ class McapReader final : public Recording {
  public:
   McapReader(std::unique_ptr<ByteInput> input, const OpenRecording& open)
       : input_(std::move(input)), open_(open), end_(input_->size()), channel_(65536, kUnknown), type_(65536) {
-    std::array<char, kMagic.size()> magic = {};
+    std::array<char, mcap::kMagic.size()> magic = {};
     if (end_ >= magic.size()) input_->read(0, magic.data(), magic.size());
-    if (std::string_view(magic.data(), magic.size()) != kMagic)
+    if (std::string_view(magic.data(), magic.size()) != mcap::kMagic)
       throw InputError("recording.format", open_.subject, "is not an MCAP file: it does not begin with MCAP's mark",
                        "Check the file's name, or copy it again");
   }
 
   void scan(const Wanted& wanted, const Use& use) override {
-    std::uint64_t at = kMagic.size();
+    std::uint64_t at = mcap::kMagic.size();
     try {
       while (scanRecord(at, wanted, use)) {
       }
@@ -67,7 +60,7 @@ class McapReader final : public Recording {
     try {
       if (place.block != loaded_) {
         const Head head = headAt(place.block);
-        if (head.opcode == kChunk) {
+        if (head.opcode == mcap::kChunk) {
           loadChunk(place.block, head, false);
         } else {
           loadMessage(place.block, head);
@@ -123,18 +116,18 @@ class McapReader final : public Recording {
     }
     const Head head = headAt(at);
     if (head.opcode == 0) throw Damage{"recording.damaged", "is not a record"};
-    if (head.opcode == kDataEnd || head.opcode == kFooter) return false;  // only the index follows
+    if (head.opcode == mcap::kDataEnd || head.opcode == mcap::kFooter) return false;  // only the index follows
     if (head.bytes > end_ - at - kRecordHead) {
       cutOffAt(at);
       return false;
     }
-    if (head.opcode == kChunk) {
+    if (head.opcode == mcap::kChunk) {
       scanChunk(at, head, wanted, use);
-    } else if (head.opcode == kMessage) {
+    } else if (head.opcode == mcap::kMessage) {
       loadMessage(at, head);
       RecordReader reader(unpacked_.view());
       useMessage(reader, {.block = at}, wanted, use);
-    } else if (head.opcode == kSchema || head.opcode == kChannel) {
+    } else if (head.opcode == mcap::kSchema || head.opcode == mcap::kChannel) {
       if (head.bytes > kMostRecordBytes)
         throw Damage{"recording.damaged",
                      "a schema or channel has " + std::to_string(head.bytes) + " bytes, more than 16 MiB"};
@@ -186,7 +179,7 @@ class McapReader final : public Recording {
       if (!problem.empty()) throw Damage{"recording.chunk", "a chunk " + problem};
       if (packed_.capacity() > kKeptBytes) packed_.release();
     }
-    if (check && crc != 0 && crc32Of(unpacked_.view()) != crc)
+    if (check && crc != 0 && mcap::crc32Of(unpacked_.view()) != crc)
       throw Damage{"recording.chunk", "a chunk does not have the checksum that it declares"};
     loaded_ = at;
   }
@@ -199,7 +192,7 @@ class McapReader final : public Recording {
       const auto opcode = reader.number<unsigned char>();
       const std::string_view content = reader.take(reader.number<std::uint64_t>());
       if (!reader.good()) throw Damage{"recording.damaged", "a record in a chunk is longer than the chunk"};
-      if (opcode == kMessage) {
+      if (opcode == mcap::kMessage) {
         RecordReader message(content);
         const auto offset = static_cast<std::uint32_t>(content.data() - all.data());
         useMessage(message, {.block = at, .offset = offset}, wanted, use);
@@ -230,12 +223,12 @@ class McapReader final : public Recording {
 
   void learn(unsigned char opcode, std::string_view content) {
     RecordReader reader(content);
-    if (opcode == kSchema) {
+    if (opcode == mcap::kSchema) {
       const auto id = reader.number<std::uint16_t>();
       const std::string_view name = reader.text();
       if (!reader.good() || name.size() > 256) throw Damage{"recording.damaged", "a schema has no valid name"};
       type_[id] = name;
-    } else if (opcode == kChannel) {
+    } else if (opcode == mcap::kChannel) {
       const auto id = reader.number<std::uint16_t>();
       const auto schema = reader.number<std::uint16_t>();
       const std::string_view name = reader.text();

@@ -2,29 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bags/mcap_writer.h"
 
-#include <zlib.h>
-
 #include <algorithm>
 #include <ostream>
 
+#include "bags/mcap_format.h"
+
 namespace accessvdb::bags {
 namespace {
-
-constexpr std::string_view kMcapMark{"\x89MCAP0\r\n", 8};
-
-enum Written : unsigned char {
-  kHeaderRecord = 1,
-  kFooterRecord = 2,
-  kSchemaRecord = 3,
-  kChannelRecord = 4,
-  kMessageRecord = 5,
-  kChunkRecord = 6,
-  kMessageIndexRecord = 7,
-  kChunkIndexRecord = 8,
-  kStatisticsRecord = 11,
-  kSummaryOffsetRecord = 14,
-  kDataEndRecord = 15
-};
 
 /// The content of a record, little endian.
 class Content {
@@ -44,7 +28,7 @@ class Content {
     bytes_ += bytes;
     return *this;
   }
-  [[nodiscard]] std::string record(Written opcode) const {
+  [[nodiscard]] std::string record(mcap::Opcode opcode) const {
     Content head;
     head.number(static_cast<std::uint8_t>(opcode)).number(static_cast<std::uint64_t>(bytes_.size()));
     return head.bytes_ + bytes_;
@@ -55,26 +39,22 @@ class Content {
   std::string bytes_;
 };
 
-std::uint32_t crcOf(std::uint32_t before, std::string_view bytes) {
-  return static_cast<std::uint32_t>(::crc32_z(before, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
-}
-
 }  // namespace
 
 McapWriter::McapWriter(std::ostream& out, std::string_view library) : out_(out) {
-  write(kMcapMark);
-  write(Content().text("").text(library).record(kHeaderRecord));
+  write(mcap::kMagic);
+  write(Content().text("").text(library).record(mcap::kHeader));
 }
 
 void McapWriter::write(std::string_view bytes) {
   out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  crc_ = crcOf(crc_, bytes);
+  crc_ = mcap::crc32Of(bytes, crc_);
   at_ += bytes.size();
 }
 
 std::uint16_t McapWriter::addSchema(std::string_view name, std::string_view encoding, std::string_view data) {
   const auto id = static_cast<std::uint16_t>(schemas_.size() + 1);  // 0 is "no schema"
-  schemas_.push_back(Content().number(id).text(name).text(encoding).text(data).record(kSchemaRecord));
+  schemas_.push_back(Content().number(id).text(name).text(encoding).text(data).record(mcap::kSchema));
   write(schemas_.back());
   return id;
 }
@@ -82,7 +62,7 @@ std::uint16_t McapWriter::addSchema(std::string_view name, std::string_view enco
 std::uint16_t McapWriter::addChannel(std::uint16_t schema, std::string_view topic, std::string_view encoding) {
   const auto id = static_cast<std::uint16_t>(channels_.size());
   channels_.push_back(
-      Content().number(id).number(schema).text(topic).text(encoding).number(std::uint32_t{0}).record(kChannelRecord));
+      Content().number(id).number(schema).text(topic).text(encoding).number(std::uint32_t{0}).record(mcap::kChannel));
   write(channels_.back());
   return id;
 }
@@ -90,32 +70,32 @@ std::uint16_t McapWriter::addChannel(std::uint16_t schema, std::string_view topi
 void McapWriter::add(std::uint16_t channel, std::uint64_t time_ns, std::string_view message) {
   const auto sequence = static_cast<std::uint32_t>(messages_[channel]++);
   const std::string record =
-      Content().number(channel).number(sequence).number(time_ns).number(time_ns).raw(message).record(kMessageRecord);
+      Content().number(channel).number(sequence).number(time_ns).number(time_ns).raw(message).record(mcap::kMessage);
   Chunk chunk = {.begin = at_, .records_bytes = record.size(), .time_ns = time_ns, .channel = channel};
   const auto size = static_cast<std::uint64_t>(record.size());
   write(Content()
             .number(time_ns)
             .number(time_ns)
             .number(size)
-            .number(crcOf(0, record))
+            .number(mcap::crc32Of(record))
             .text("")
             .number(size)
             .raw(record)
-            .record(kChunkRecord));
+            .record(mcap::kChunk));
   chunk.bytes = at_ - chunk.begin;
   chunk.index_begin = at_;
   const std::string entry = Content().number(time_ns).number(std::uint64_t{0}).bytes();
-  write(Content().number(channel).text(entry).record(kMessageIndexRecord));
+  write(Content().number(channel).text(entry).record(mcap::kMessageIndex));
   chunk.index_bytes = at_ - chunk.index_begin;
   chunks_.push_back(chunk);
 }
 
 void McapWriter::finish() {
-  write(Content().number(crc_).record(kDataEndRecord));
+  write(Content().number(crc_).record(mcap::kDataEnd));
   const std::uint64_t summary = at_;
   crc_ = 0;  // from here on of the summary
   std::string offsets;
-  const auto group = [&](Written opcode, const std::vector<std::string>& records) {
+  const auto group = [&](mcap::Opcode opcode, const std::vector<std::string>& records) {
     const std::uint64_t begin = at_;
     for (const std::string& record : records) write(record);
     if (records.empty()) return;
@@ -123,10 +103,10 @@ void McapWriter::finish() {
                    .number(static_cast<std::uint8_t>(opcode))
                    .number(begin)
                    .number(at_ - begin)
-                   .record(kSummaryOffsetRecord);
+                   .record(mcap::kSummaryOffset);
   };
-  group(kSchemaRecord, schemas_);
-  group(kChannelRecord, channels_);
+  group(mcap::kSchema, schemas_);
+  group(mcap::kChannel, channels_);
   std::uint64_t first_ns = chunks_.empty() ? 0 : ~std::uint64_t{0}, last_ns = 0, messages = 0;
   Content counts;
   for (const auto& [channel, count] : messages_) {
@@ -148,9 +128,9 @@ void McapWriter::finish() {
                           .text("")
                           .number(chunk.records_bytes)
                           .number(chunk.records_bytes)
-                          .record(kChunkIndexRecord));
+                          .record(mcap::kChunkIndex));
   }
-  group(kStatisticsRecord, {Content()
+  group(mcap::kStatistics, {Content()
                                 .number(messages)
                                 .number(static_cast<std::uint16_t>(schemas_.size()))
                                 .number(static_cast<std::uint32_t>(channels_.size()))
@@ -160,15 +140,15 @@ void McapWriter::finish() {
                                 .number(first_ns)
                                 .number(last_ns)
                                 .text(counts.bytes())
-                                .record(kStatisticsRecord)});
-  group(kChunkIndexRecord, indexes);
+                                .record(mcap::kStatistics)});
+  group(mcap::kChunkIndex, indexes);
   const std::uint64_t offsets_begin = at_;
   write(offsets);
   const std::string footer =
-      Content().number(summary).number(offsets_begin).number(std::uint32_t{0}).record(kFooterRecord);
+      Content().number(summary).number(offsets_begin).number(std::uint32_t{0}).record(mcap::kFooter);
   write(std::string_view(footer).substr(0, footer.size() - sizeof(std::uint32_t)));
   write(Content().number(crc_).bytes());
-  write(kMcapMark);
+  write(mcap::kMagic);
 }
 
 }  // namespace accessvdb::bags
