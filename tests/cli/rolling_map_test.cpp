@@ -18,29 +18,8 @@ namespace fs = std::filesystem;
 class RollingMap : public ProgramTest {
  protected:
   [[nodiscard]] std::vector<std::string> arguments(std::vector<std::string> more) const {
-    std::vector<std::string> all = {"map",
-                                    "--scans",
-                                    path("scans"),
-                                    "--poses",
-                                    path("poses.txt"),
-                                    "--tool",
-                                    "builtin:pruner",
-                                    "--voxel",
-                                    "0.05",
-                                    "--range-noise",
-                                    "0.01",
-                                    "--max-range",
-                                    "8",
-                                    "--device",
-                                    "cpu",
-                                    "--threads",
-                                    "2",
-                                    "--width",
-                                    "160",
-                                    "--height",
-                                    "120"};
-    all.insert(all.end(), more.begin(), more.end());
-    return all;
+    more.insert(more.begin(), {"--threads", "2", "--width", "160", "--height", "120"});
+    return mapOfRollingWorld(folder_, more);
   }
   [[nodiscard]] std::vector<std::string> rolling(std::vector<std::string> more) const {
     more.insert(more.begin(), {"--rolling", path("roll")});

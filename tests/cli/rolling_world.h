@@ -51,4 +51,13 @@ inline void writeRollingWorld(const RollingWorld& world, const std::filesystem::
   }
 }
 
+/// map of such a world in FOLDER. @param more  the other flags
+inline std::vector<std::string> mapOfRollingWorld(const std::filesystem::path& folder, std::vector<std::string> more) {
+  // clang-format off
+  more.insert(more.begin(), {"map", "--scans", folder / "scans", "--poses", folder / "poses.txt", "--tool", "builtin:pruner",
+                             "--voxel", "0.05", "--range-noise", "0.01", "--max-range", "8", "--device", "cpu"});
+  // clang-format on
+  return more;
+}
+
 }  // namespace accessvdb::cli_test

@@ -150,29 +150,8 @@ TEST_F(KilledRun, RollingEndsWithTheSameTiles) {
   const unsigned long kills = numberFrom("ACCESSVDB_KILLS", 6), seed = numberFrom("ACCESSVDB_KILL_SEED", 1);
   writeRollingWorld({.scans = 60, .step_m = 2, .returns_home = true}, folder_);
   const auto arguments = [&](const std::string& roll, const std::string& out, std::vector<std::string> more) {
-    std::vector<std::string> all = {"map",
-                                    "--scans",
-                                    path("scans"),
-                                    "--poses",
-                                    path("poses.txt"),
-                                    "--tool",
-                                    "builtin:pruner",
-                                    "--voxel",
-                                    "0.05",
-                                    "--range-noise",
-                                    "0.01",
-                                    "--max-range",
-                                    "8",
-                                    "--device",
-                                    "cpu",
-                                    "--threads",
-                                    "1",
-                                    "--rolling",
-                                    path(roll),
-                                    "--out",
-                                    path(out)};
-    all.insert(all.end(), more.begin(), more.end());
-    return all;
+    more.insert(more.begin(), {"--threads", "1", "--rolling", path(roll), "--out", path(out)});
+    return mapOfRollingWorld(folder_, more);
   };
   const Clock::time_point start = Clock::now();
   ASSERT_EQ(runProgram(arguments("straight_roll", "straight", {})).exit_code, 0);
