@@ -83,6 +83,8 @@ class ACCESSVDB_API RollingField {
   /// @throws InputError "rolling.missing" (there is none), "rolling.damaged"; UnusableInput "rolling.changed"
   [[nodiscard]] static RollingField resume(std::vector<ToolSpec> tools, const FieldParams& params,
                                            RollingOptions options, const TableProgress& progress = {});
+  /// Whether a folder has one, whole or not. @throws OutputError where that cannot be seen
+  [[nodiscard]] static bool hasCheckpoint(const std::filesystem::path& folder);
   /// Saves what changed since the last one, whole or not at all. The tiles in memory stay there.
   /// @param note  kept with it: what the caller has to know to go on, such as which files it has read
   /// @throws OutputError

@@ -2,6 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "accessvdb/program/memory_prediction.h"
 
+#include <sys/resource.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -274,6 +277,18 @@ std::optional<std::uint64_t> availableMemoryBytes() {
   }
   if (best == std::numeric_limits<std::uint64_t>::max()) return std::nullopt;
   return best;
+}
+
+std::uint64_t residentMemoryBytes() {
+  std::uint64_t mapped = 0, resident = 0;  // [pages]
+  std::ifstream("/proc/self/statm") >> mapped >> resident;
+  return resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+std::uint64_t peakMemoryBytes() {
+  rusage usage = {};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;  // Linux counts in KiB
 }
 
 }  // namespace accessvdb

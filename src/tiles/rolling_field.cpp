@@ -10,6 +10,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tiles.h"
@@ -435,6 +436,8 @@ void RollingField::checkpoint(const std::string& note) {
   impl_->note = note;
 }
 
+bool RollingField::hasCheckpoint(const fs::path& folder) { return tiles::hasManifest(folder); }
+
 const std::string& RollingField::note() const { return impl_->note; }
 
 RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
@@ -521,7 +524,7 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
       };
       tiles::writeTileFiles(tile.field, folder.path(), files, step_of, written);
       written.seconds = watch.milliseconds() / 1000;
-      written.peak_bytes = tiles::peakOfProcess();
+      written.peak_bytes = peakMemoryBytes();
       tiles::writeTile(folder.path(), plan, written);
       folder.putInPlace(plan, 1);
       status.done.push_back(std::move(written));

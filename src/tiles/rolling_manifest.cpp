@@ -20,6 +20,8 @@ constexpr int kManifestSchema = 1;
 
 }  // namespace
 
+bool hasManifest(const fs::path& folder) { return io::isThere(folder / kManifest, ErrorCode::Output); }
+
 void writeManifest(const fs::path& folder, const RollingManifest& manifest, const MadeWith& made_with) {
   Json stamps = Json::array();
   for (const double stamp_s : manifest.stamps_s) stamps.push_back(std::isfinite(stamp_s) ? Json(stamp_s) : Json());

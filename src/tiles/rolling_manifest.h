@@ -45,6 +45,8 @@ struct RollingManifest {
   std::optional<double> latest_s;
 };
 
+/// @throws OutputError where that cannot be seen
+[[nodiscard]] bool hasManifest(const std::filesystem::path& folder);
 /// Whole or not at all. @throws OutputError
 void writeManifest(const std::filesystem::path& folder, const RollingManifest& manifest, const MadeWith& made_with);
 /// @param take  what it throws of nlohmann::json makes the manifest a damaged one

@@ -84,7 +84,7 @@ class TileRun {
           field, folder.path(), files, [this](std::uint32_t id) { return stepOf(id); }, tile_);
     }
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-    tile_.peak_bytes = peakOfProcess();
+    tile_.peak_bytes = peakMemoryBytes();
     writeTile(folder.path(), job_.plan, tile_);
     folder.putInPlace(job_.plan, run_.flights);
     return tile_;

@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tiles/tile_writer.h"
 
-#include <sys/resource.h>
-
 #include <limits>
 #include <ostream>
 
@@ -73,12 +71,6 @@ void writeTileFiles(const AccessibilityField& field, const std::filesystem::path
     tile.sha256.emplace_back(file, io::sha256OfFile(folder / file));
   }
   if (firsts) tile.sha256.emplace_back(kFirstFile, io::sha256OfFile(folder / kFirstFile));
-}
-
-std::uint64_t peakOfProcess() {
-  rusage usage = {};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;  // Linux counts in KiB
 }
 
 }  // namespace accessvdb::tiles

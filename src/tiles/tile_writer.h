@@ -23,7 +23,4 @@ using StepOfPoint = std::function<std::uint32_t(std::uint32_t id)>;
 void writeTileFiles(const AccessibilityField& field, const std::filesystem::path& folder,
                     const io::WriteOptions& options, const StepOfPoint& stepOf, Tile& tile);
 
-/// Most memory that the process has taken so far.
-[[nodiscard]] std::uint64_t peakOfProcess();
-
 }  // namespace accessvdb::tiles

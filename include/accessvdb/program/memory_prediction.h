@@ -98,5 +98,8 @@ class ACCESSVDB_API MemoryPredictor {
 
 /// What the machine can still give: physical memory and the limits of the control group. Nothing where unknown.
 [[nodiscard]] ACCESSVDB_API std::optional<std::uint64_t> availableMemoryBytes();
+/// Memory that this process takes now, and the most that it has taken.
+[[nodiscard]] ACCESSVDB_API std::uint64_t residentMemoryBytes();
+[[nodiscard]] ACCESSVDB_API std::uint64_t peakMemoryBytes();
 
 }  // namespace accessvdb

@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "output/report.h"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -13,6 +11,7 @@
 
 #include "accessvdb/config.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "output/output_files.h"
 
 #include "output/json_text.h"
@@ -170,12 +169,6 @@ Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, cons
   return bounds_W;
 }
 
-std::uint64_t hostPeakBytes() {
-  rusage usage = {};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;  // Linux counts in KiB
-}
-
 void writeReport(const std::filesystem::path& path, const RunReport& report, const Messages& messages) {
   Json parameters = Json::object();
   for (const auto& [key, value] : report.parameters) parameters[key] = jsonValue(value);
@@ -220,7 +213,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
       {"per_scan",
        {{"changed_leaves", jsonTimes(report.changed_leaves)}, {"mirror_bytes", jsonTimes(report.mirror_bytes)}}},
       {"memory",
-       {{"host_peak_bytes", hostPeakBytes()},
+       {{"host_peak_bytes", peakMemoryBytes()},
         {"device_peak_bytes", report.memory.device_peak_bytes},
         {"mirror_bytes", report.memory.mirror_bytes}}},
       {"map",

@@ -133,9 +133,6 @@ Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, cons
 /// What a live run took, dropped and waited for, as in report.json and in the topic /accessvdb/status: a JSON object.
 [[nodiscard]] std::string liveJson(const LiveReport& live);
 
-/// Peak memory of the process.
-[[nodiscard]] std::uint64_t hostPeakBytes();
-
 /// @throws OutputError
 void writeReport(const std::filesystem::path& path, const RunReport& report, const Messages& messages);
 

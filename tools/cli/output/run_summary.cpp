@@ -4,6 +4,7 @@
 
 #include <cstdio>
 
+#include "accessvdb/program/memory_prediction.h"
 #include "options/options.h"
 
 namespace accessvdb::tools {
@@ -62,7 +63,7 @@ std::vector<std::string> summarizeRun(const RunFacts& facts) {
   lines.push_back("map: " + std::to_string(report.memory.leaves) + " leaves, " +
                   std::to_string(report.memory.active_voxels) + " observed voxels of " +
                   numberText(facts.voxel_size_m) + " m, " + bytesInWords(static_cast<double>(report.memory.map_bytes)) +
-                  "; process peak " + bytesInWords(static_cast<double>(hostPeakBytes())));
+                  "; process peak " + bytesInWords(static_cast<double>(peakMemoryBytes())));
   return lines;
 }
 

@@ -29,7 +29,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kManifest = "state.json";
 constexpr int kManifestSchema = 1;
-/// Among what is said of reading: the coordinate system of the scans.
 constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 28;  // a million scans
 
 std::vector<std::pair<std::string, std::string>> linesOf(const FieldParams& params) {

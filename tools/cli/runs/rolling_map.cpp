@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <optional>
 #include <set>
@@ -27,19 +26,11 @@
 #include "runs/reading_losses.h"
 #include "runs/tiled_map.h"
 
-#include <unistd.h>
-
 namespace accessvdb::tools {
 namespace {
 
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
-
-std::uint64_t residentBytes() {
-  std::uint64_t mapped = 0, resident = 0;
-  std::ifstream("/proc/self/statm") >> mapped >> resident;
-  return resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
-}
 
 bool isSameFolder(const fs::path& a, const fs::path& b) { return fs::weakly_canonical(a) == fs::weakly_canonical(b); }
 
@@ -120,7 +111,7 @@ class RollingRun {
     const std::optional<std::uint64_t> limit = memoryLimit(options_);
     if (!limit) return 0;
     constexpr std::uint64_t kForSteps = std::uint64_t{64} << 20;
-    const std::uint64_t used = residentBytes() + kForSteps;
+    const std::uint64_t used = residentMemoryBytes() + kForSteps;
     constexpr std::uint64_t kLeastForTiles = std::uint64_t{16} << 20;
     if (*limit < used + kLeastForTiles) {
       throw ResourceLimit("limit.memory", "--max-memory",
@@ -132,7 +123,7 @@ class RollingRun {
     return *limit - used;
   }
   RollingField open() {
-    const bool there = io::isThere(fs::path(options_.rolling) / "rolling.json", ErrorCode::Output);
+    const bool there = RollingField::hasCheckpoint(options_.rolling);
     const bool resumes = !options_.resume.empty() && there;
     if (!resumes && tiles::hasPlan(options_.out)) {  // said now, not after hours
       throw OutputError("output.foreign", options_.out, "holds the tiles of another run",

@@ -1,12 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb-lab bench: a simulated flight among pines, with every stage of every frame timed.
-#include <unistd.h>
 
 #include <chrono>
 #include <cmath>
 #include <csignal>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <ostream>
@@ -18,6 +16,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "bench_options.h"
 #include "bench_record.h"
 #include "lab_verbs.h"
@@ -38,14 +37,6 @@ using Json = nlohmann::ordered_json;
 
 /// Scans simulated at a time, before the clock starts: too few to affect the memory figures.
 constexpr int kScansAhead = 32;
-
-/// Current memory of the process.
-std::uint64_t residentBytes() {
-  std::ifstream statm("/proc/self/statm");
-  std::uint64_t total_pages = 0, resident_pages = 0;
-  statm >> total_pages >> resident_pages;
-  return resident_pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
-}
 
 Json jsonOf(const MemoryUse& memory) {
   Json json = {{"device_peak_bytes", memory.device_peak_bytes},
@@ -160,7 +151,7 @@ void BenchRun::noteTimedBegin(const AccessibilityField& field) {
   const MemoryUse memory = field.memoryUse();
   memory_at_timed_begin_ = jsonOf(memory);
   memory_at_timed_begin_["surface_points"] = record_.surfacePointsBefore(record_.frames());
-  memory_at_timed_begin_["host_bytes"] = residentBytes();
+  memory_at_timed_begin_["host_bytes"] = residentMemoryBytes();
   frame_began_ = Clock::now();
 }
 
@@ -230,7 +221,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
   const MemoryUse memory = field.memoryUse();
   const FieldParams& params = field.params();
   // Taken before the snapshot below, which only this program needs.
-  const std::uint64_t host_peak_bytes = hostPeakBytes();
+  const std::uint64_t host_peak_bytes = peakMemoryBytes();
   Json parameters = Json::object();
   std::istringstream lines(params.describe());
   for (std::string line; std::getline(lines, line);) {
@@ -318,7 +309,7 @@ int BenchRun::run() {
   const auto simulating = Clock::now();
   const sim::Simulator simulator = makeSimulator(options_, scene_);
   simulation_s_ = secondsSince(simulating);
-  host_before_bytes_ = residentBytes();
+  host_before_bytes_ = residentMemoryBytes();
   messages_.notice("scene: " + scene_);
   replay(simulator, field);
 
