@@ -17,6 +17,7 @@
 #include "accessvdb/tool_tables.h"
 #include "field/field_access.h"
 #include "field/field_clock.h"
+#include "field/left_out_points.h"
 #include "field/scan_gate.h"
 #include "field/tools/shared_tables.h"
 #include "launch/stopwatch.h"
@@ -102,7 +103,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         gate(params.tsdf, given.origin_W),
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         tiles(tools, given, std::move(tables), options.folder, {options.memory_limit_bytes, options.device_limit_bytes},
-              tile_voxels) {
+              tile_voxels, options.notes_changes) {
     requireRolling(params, options, margins);
     if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
     io::prepareOutputFolder(options.folder);
@@ -277,6 +278,33 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     memory_short = true;
   }
 
+  /// Adds what changed with an update of the tile.
+  void noteChanged(RollingTile& tile) {
+    if (!tile.told) return;
+    for (SurfacePoint& point : tile.told->since(*tile.field.points())) {
+      point.id = tile.ids[point.id];
+      if (point.id != RollingTile::kNotOurs) changed.push_back(point);
+    }
+  }
+  /// @param take  gets the points of a tile
+  template <typename Take>
+  void visitTiles(const std::vector<TileIndex>& ids, const Take& take) {
+    requireWhole();
+    const tiles::MapTime now = {clock.latest_s(), age_s};
+    for (const TileIndex& id : ids) tiles.visit(id, now, [&](const RollingTile& tile) { take(pointsOf(tile)); });
+  }
+  /// By ids.
+  FieldSnapshot snapshotOf(const std::vector<TileIndex>& ids) {
+    FieldSnapshot snapshot;
+    snapshot.origin_W = gate.origin_W();
+    snapshot.voxel_size_m = params.tsdf.voxel_size_m;
+    visitTiles(ids, [&](std::span<const SurfacePoint> of_tile) {
+      snapshot.points.insert(snapshot.points.end(), of_tile.begin(), of_tile.end());
+    });
+    std::ranges::sort(snapshot.points, {}, &SurfacePoint::id);
+    return snapshot;
+  }
+
   /// @return points of the core with their ids in the larger map
   static std::vector<SurfacePoint> pointsOf(const RollingTile& tile) {
     const auto listed = tile.field.points();
@@ -331,6 +359,8 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     manifest.first_ids = first_ids;
     manifest.stamps_s = stamps_s;
     manifest.lost_tiles = tiles.lost();
+    for (const auto& [centre_W, radius_m] : tiles.closed())
+      manifest.closed.push_back({centre_W.x(), centre_W.y(), centre_W.z(), radius_m});
     manifest.note = of_caller;
     manifest.taken = taken;
     manifest.tiles = std::move(saved);
@@ -352,8 +382,10 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       gate.restoreOrigin(Eigen::Vector3d(manifest.origin_W->data()));
       tiles.setOrigin(*manifest.origin_W);
     }
+    std::vector<tiles::RollingTiles::Ball> closed;
+    for (const auto& [x, y, z, radius_m] : manifest.closed) closed.push_back({{x, y, z}, radius_m});
     try {
-      tiles.restore(manifest.tiles, manifest.lost_tiles);
+      tiles.restore(manifest.tiles, manifest.lost_tiles, std::move(closed));
     } catch (const InvalidArgument&) {
       tiles::refuseManifest(options.folder);
     }
@@ -382,8 +414,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
   bool memory_short = false, whole = true;
   double fitting_range_m = 0;
-  tiles::TakenReturns taken;  ///< of all steps
-  std::string note;           ///< of the last checkpoint
+  tiles::TakenReturns taken;          ///< of all steps
+  std::string note;                   ///< of the last checkpoint
+  std::vector<SurfacePoint> changed;  ///< since takeChanged()
 };
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
@@ -419,6 +452,7 @@ UpdateStats RollingField::update() {
       internal::add(tile->field.update(), all);
       tile->behind = false;
       tile->updated = true;
+      impl_->noteChanged(*tile);
       impl_->measure(*tile);
     }
     impl_->tiles.oweUpdate();
@@ -426,6 +460,31 @@ UpdateStats RollingField::update() {
   });
   impl_->tiles.shrink(impl_->nearest);
   return stats;
+}
+
+void RollingField::leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m) {
+  if (!(radius_m >= 0 && radius_m <= internal::LeftOutPoints::kLargestRadius_m)) {
+    throw InvalidArgument("left_out.radius", "radius_m", "must be 0 .. 1000000 m", "Pass one in metres");
+  }
+  std::vector<tiles::RollingTiles::Ball> balls;
+  for (const Eigen::Vector3d& centre_W : centres_W)
+    if (centre_W.allFinite()) balls.push_back({centre_W, radius_m});
+  impl_->run([&] {
+    impl_->tiles.close(balls);
+    return true;
+  });
+}
+
+std::vector<SurfacePoint> RollingField::takeChanged() {
+  if (!impl_->options.notes_changes) {
+    throw InvalidArgument("rolling.changes", "notes_changes", "is off, so nobody notes what changes",
+                          "Set it in RollingOptions");
+  }
+  std::vector<SurfacePoint> all = std::exchange(impl_->changed, {}), last;
+  std::ranges::stable_sort(all, {}, &SurfacePoint::id);
+  for (std::size_t n = 0; n < all.size(); ++n)
+    if (n + 1 == all.size() || all[n].id != all[n + 1].id) last.push_back(all[n]);
+  return last;
 }
 
 void RollingField::checkpoint(const std::string& note) {
@@ -453,23 +512,15 @@ RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams
 }
 
 void RollingField::forEachTile(const std::function<void(std::span<const SurfacePoint> points)>& take) {
-  impl_->requireWhole();
-  const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
-  for (const TileIndex& id : impl_->tiles.all()) {
-    impl_->tiles.visit(id, now, [&](const RollingTile& tile) { take(Impl::pointsOf(tile)); });
-  }
+  impl_->visitTiles(impl_->tiles.all(), take);
 }
 
-FieldSnapshot RollingField::snapshot() {
-  FieldSnapshot snapshot;
-  snapshot.origin_W = origin_W();
-  snapshot.voxel_size_m = impl_->params.tsdf.voxel_size_m;
-  forEachTile([&](std::span<const SurfacePoint> points) {
-    snapshot.points.insert(snapshot.points.end(), points.begin(), points.end());
-  });
-  std::sort(snapshot.points.begin(), snapshot.points.end(),
-            [](const SurfacePoint& a, const SurfacePoint& b) { return a.id < b.id; });
-  return snapshot;
+FieldSnapshot RollingField::snapshot() { return impl_->snapshotOf(impl_->tiles.all()); }
+
+FieldSnapshot RollingField::snapshotInMemory() {
+  std::vector<TileIndex> ids;
+  for (const auto& [id, tile] : impl_->tiles.tilesInMemory()) ids.push_back(id);
+  return impl_->snapshotOf(ids);
 }
 
 RollingStatus RollingField::status() const {
@@ -495,6 +546,7 @@ RollingStatus RollingField::status() const {
 }
 
 const FieldParams& RollingField::params() const { return impl_->params; }
+const std::vector<ToolSpec>& RollingField::tools() const { return impl_->tools; }
 Eigen::Vector3d RollingField::origin_W() const { return impl_->gate.origin_W(); }
 
 std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::WriteOptions& files,

@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kManifest = "rolling.json";
-constexpr int kManifestSchema = 1;
+constexpr int kManifestSchema = 2;
 
 }  // namespace
 
@@ -36,6 +36,7 @@ void writeManifest(const fs::path& folder, const RollingManifest& manifest, cons
                {"first_ids", manifest.first_ids},
                {"stamps_s", stamps},
                {"lost_tiles", manifest.lost_tiles},
+               {"closed", manifest.closed},
                {"note", manifest.note},
                {"points_in", manifest.taken.points_in},
                {"points_used", manifest.taken.points_used},
@@ -80,6 +81,7 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   for (const Json& stamp : json.at("stamps_s"))
     manifest.stamps_s.push_back(stamp.is_null() ? std::numeric_limits<double>::quiet_NaN() : stamp.get<double>());
   json.at("lost_tiles").get_to(manifest.lost_tiles);
+  json.at("closed").get_to(manifest.closed);
   json.at("note").get_to(manifest.note);
   json.at("points_in").get_to(manifest.taken.points_in);
   json.at("points_used").get_to(manifest.taken.points_used);
