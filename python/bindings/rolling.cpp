@@ -76,7 +76,12 @@ FrameStats rollRays(LockedRolling& field, const py::object& points_W, const py::
 }
 
 py::dict rollingStatus(LockedRolling& field) {
-  const RollingStatus now = field.run([](RollingField& f) { return f.status(); });
+  return rollingDict(field.run([](RollingField& f) { return f.status(); }));
+}
+
+}  // namespace
+
+py::dict rollingDict(const RollingStatus& now) {
   py::dict all;
   all["steps"] = now.steps;
   all["points"] = now.points;
@@ -96,8 +101,6 @@ py::dict rollingStatus(LockedRolling& field) {
   all["lost_tiles"] = now.lost_tiles;
   return all;
 }
-
-}  // namespace
 
 void bindRolling(py::module_& module) {
   using R = LockedRolling;

@@ -198,6 +198,40 @@ TEST(RollingLiveRun, GoesOnAfterItsLastCheckpoint) {
   EXPECT_EQ(rolling->origin_W(), unlimited.field().origin_W());
 }
 
+/// While tiles cannot be written, scans are dropped and block; later the flight goes on.
+TEST(RollingLiveRun, OutlivesADiskThatFails) {
+  const Case test = {.name = "disk", .seed = 34, .change = ChangeMode::Block};
+  const std::vector<Step> steps = walk(test);
+  const ScratchFolder scratch;
+  LiveSession rolling(toolsOf(test), paramsOf(test), rollingIn(scratch / "tiles", bytesOfAll(test, steps) * 6 / 10));
+  AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+  std::size_t failed = 0, after = 0;
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    if (n == 12) std::filesystem::rename(scratch / "tiles", scratch / "away");
+    if (n == 30) std::filesystem::rename(scratch / "away", scratch / "tiles");
+    integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+    unlimited.update();
+    add(rolling, steps[n], n);
+    try {
+      ASSERT_TRUE(rolling.step()) << n;
+      if (n >= 30) ++after;
+    } catch (const OutputError&) {
+      ++failed;
+      ASSERT_TRUE(n >= 12 && n < 30) << n;
+    }
+    if (n % 5 != 4) continue;
+    for (const SurfacePoint& point : rolling.rolling()->snapshotInMemory().accessible()) {
+      const auto other = unlimited.pointAt(point.position_W);
+      ASSERT_TRUE(other.has_value());
+      ASSERT_EQ(other->label, PointLabel::Accessible) << "step " << n;
+    }
+  }
+  EXPECT_GT(failed, 0U);
+  EXPECT_EQ(after, steps.size() - 30);
+  EXPECT_EQ(rolling.status().dropped[static_cast<std::size_t>(ScanDrop::Failed)], failed);
+  EXPECT_EQ(rolling.status().taken, steps.size() - failed);
+}
+
 TEST(RollingLiveRun, RefusesWhatOnlyOneFieldCan) {
   const Case test = {.name = "refused"};
   const ScratchFolder scratch;
