@@ -51,6 +51,7 @@ struct RollingStatus {
   std::uint64_t saved = 0, loaded = 0;               ///< how often a tile left, and came back
   std::uint64_t saved_ahead = 0, loaded_ahead = 0;   ///< of these: begun beside the steps, before it was needed
   std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< of the tiles in memory
+  std::uint64_t peak_memory_bytes = 0;               ///< the most that memory_bytes was
   /// In the last step: not all tiles that the scan touched fitted. What was left out blocks, for good.
   bool memory_short = false;
   double fitting_range_m = 0;  ///< then: the range within which all tiles fitted

@@ -4,7 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
+#include <iomanip>
 #include <limits>
+#include <sstream>
 #include <utility>
 
 #include "accessvdb/config.h"
@@ -109,6 +112,14 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     io::prepareOutputFolder(options.folder);
     in_use = tiles::FolderInUse(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
+    if (!resumed) checkpoint("");  // from now on what a process leaves that is killed is known to be ours
+  }
+
+  void checkpoint(const std::string& of_caller) {
+    const tiles::Json saved = tiles.saveAll();
+    tiles::writeManifest(options.folder, manifest(saved, of_caller), madeWith());
+    tiles.keep(saved);
+    note = of_caller;
   }
 
   /// A step that fails half-way leaves tiles that do not agree.
@@ -236,11 +247,25 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     measure(tile);
     return of_tile.left_out_returns;
   }
+  /// What an update took may be too much. It goes on where a tile cannot be saved: no label may be missing.
+  void shrink() {
+    try {
+      if (!not_saved) tiles.shrink(nearest);
+    } catch (const OutputError&) {
+      not_saved = std::current_exception();
+    }
+  }
+  /// @throws OutputError if shrink() failed since the last call
+  void requireShrunk() {
+    if (const std::exception_ptr failed = std::exchange(not_saved, nullptr)) std::rethrow_exception(failed);
+    tiles.shrink(nearest);
+  }
   void measure(RollingTile& tile) {
     const tiles::TileBytes before = tile.bytes;
     tile.measure();
     growth.memory += tile.bytes.memory - std::min(tile.bytes.memory, before.memory);
     growth.device += tile.bytes.device - std::min(tile.bytes.device, before.device);
+    peak_memory_bytes = std::max(peak_memory_bytes, tiles.use().memory);
   }
 
   /// As in one piece: by the places of their voxels.
@@ -337,16 +362,11 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return identified(std::move(plan));
   }
 
-  /// Whether a folder holds the result of the same scans.
-  [[nodiscard]] bool isOf(const tiles::Plan& plan, const fs::path& out) const {
+  /// Whether a folder holds the result of the same steps.
+  static bool isOf(const tiles::Plan& plan, const fs::path& out) {
     const tiles::Plan there = tiles::readPlan(out);
-    if (there.id() != plan.id() || there.flights.size() != 1 ||
-        there.flights.front().stamps_s != plan.flights.front().stamps_s) {
-      return false;
-    }
-    const auto rays = tiles::binned(out, there);
-    return rays && rays->points_in == taken.points_in && rays->points_used == taken.points_used &&
-           rays->dropped == taken.dropped;
+    return there.id() == plan.id() && there.flights.size() == 1 &&
+           there.flights.front().stamps_s == plan.flights.front().stamps_s;
   }
 
   [[nodiscard]] tiles::MadeWith madeWith() const { return {tools, params, tile_voxels}; }
@@ -370,6 +390,15 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return manifest;
   }
   void restore(const tiles::RollingManifest& manifest) {
+    if (gate.hasOrigin() && manifest.origin_W) {
+      const Eigen::Vector3d made_W(manifest.origin_W->data());
+      if (made_W != gate.origin_W()) {
+        std::ostringstream text;
+        text << "was made with the origin " << std::setprecision(17) << made_W.x() << ',' << made_W.y() << ','
+             << made_W.z();
+        throw UnusableInput("rolling.changed", options.folder.string(), text.str(), "Use that origin, or leave it out");
+      }
+    }
     points = manifest.points;
     age_s = manifest.age_s;
     left_out_returns = manifest.left_out_returns;
@@ -417,6 +446,8 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   tiles::TakenReturns taken;          ///< of all steps
   std::string note;                   ///< of the last checkpoint
   std::vector<SurfacePoint> changed;  ///< since takeChanged()
+  std::uint64_t peak_memory_bytes = 0;
+  std::exception_ptr not_saved;  ///< what shrink() threw
 };
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
@@ -446,19 +477,21 @@ FrameStats RollingField::integrateRays(std::span<const Eigen::Vector3d> points_W
 UpdateStats RollingField::update() {
   const UpdateStats stats = impl_->run([&] {
     UpdateStats all;
-    for (auto& [id, tile] : impl_->tiles.tilesInMemory()) {
-      if (!tile->behind) continue;
+    for (const TileIndex& id : impl_->tiles.oldestFirst()) {
+      RollingTile* const tile = impl_->tiles.inMemory(id);
+      if (tile == nullptr || !tile->behind) continue;  // one that has left gets it when it comes back
       impl_->tiles.noteChange(id, *tile);
       internal::add(tile->field.update(), all);
       tile->behind = false;
       tile->updated = true;
       impl_->noteChanged(*tile);
       impl_->measure(*tile);
+      impl_->shrink();
     }
     impl_->tiles.oweUpdate();
     return all;
   });
-  impl_->tiles.shrink(impl_->nearest);
+  impl_->requireShrunk();
   return stats;
 }
 
@@ -489,10 +522,7 @@ std::vector<SurfacePoint> RollingField::takeChanged() {
 
 void RollingField::checkpoint(const std::string& note) {
   impl_->requireWhole();
-  const tiles::Json saved = impl_->tiles.saveAll();
-  tiles::writeManifest(impl_->options.folder, impl_->manifest(saved, note), impl_->madeWith());
-  impl_->tiles.keep(saved);
-  impl_->note = note;
+  impl_->checkpoint(note);
 }
 
 bool RollingField::hasCheckpoint(const fs::path& folder) { return tiles::hasManifest(folder); }
@@ -538,6 +568,7 @@ RollingStatus RollingField::status() const {
   const tiles::TileBytes use = impl_->tiles.use();
   status.memory_bytes = use.memory;
   status.device_bytes = use.device;
+  status.peak_memory_bytes = std::max(impl_->peak_memory_bytes, use.memory);
   status.memory_short = impl_->memory_short;
   status.fitting_range_m = impl_->memory_short ? impl_->fitting_range_m : 0;
   status.left_out_returns = impl_->left_out_returns;
@@ -555,9 +586,11 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   tiles::requireOwnFolders(out);
   const tiles::Plan plan = impl_->plan(source);
   // One that was killed just before its end may be repeated.
-  if (tiles::hasPlan(out) && !impl_->isOf(plan, out)) {
+  if (tiles::hasPlan(out) && !Impl::isOf(plan, out)) {
     throw OutputError("output.foreign", out.string(), "holds the tiles of another run", "Choose another folder");
   }
+  // Whatever an earlier call has left of it may be of other scans, or damaged.
+  tiles::removePlan(out);
   update();
   const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
   io::prepareOutputFolder(out);

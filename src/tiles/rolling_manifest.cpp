@@ -9,6 +9,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/program/path_facts.h"
+#include "tiles/first_difference.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -66,10 +67,19 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   const auto same = [&](const char* what, const std::string& value) {
     return json.at(what).get<std::string>() == value;
   };
-  if (!same("program", ACCESSVDB_VERSION) || !same("parameters", describeTools(made_with.tools, made_with.params)) ||
-      !same("tool_sha256", toolListSha256(made_with.tools)) || tileVoxelsOf(json) != made_with.tile_voxels) {
-    throw UnusableInput("rolling.changed", folder.string(),
-                        "was made with other tools, parameters or tiles, or by another version",
+  const std::string parameters = describeTools(made_with.tools, made_with.params);
+  std::string other;
+  if (!same("program", ACCESSVDB_VERSION)) {
+    other = "by version " + json.at("program").get<std::string>();
+  } else if (!same("tool_sha256", toolListSha256(made_with.tools))) {
+    other = "with other tools";
+  } else if (!same("parameters", parameters)) {
+    other = "with " + firstDifference(json.at("parameters").get<std::string>(), parameters);
+  } else if (tileVoxelsOf(json) != made_with.tile_voxels) {
+    other = "with tiles of " + std::to_string(tileVoxelsOf(json)) + " voxels";
+  }
+  if (!other.empty()) {
+    throw UnusableInput("rolling.changed", folder.string(), "was made " + other,
                         "Use what it was made with, or another folder");
   }
   if (json.at("schema").get<int>() != kManifestSchema) refuseManifest(folder);

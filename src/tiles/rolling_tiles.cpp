@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "field/field_access.h"
 #include "field/left_out_points.h"
@@ -170,7 +171,7 @@ void RollingTiles::save(const TileIndex& id, RollingTile& tile) {
   endSaving(id, tile);
   if (!tile.as_saved) {
     StoredTile stored = describe(tile);
-    stored.ids_sha256 = filesOf(id, *stored.serial).write(tile.field, tile.ids);
+    stored.files_sha256 = filesOf(id, *stored.serial).write(tile.field, tile.ids);
     tile.as_saved = std::move(stored);
   }
   ++saved_;
@@ -230,7 +231,7 @@ RollingTile* RollingTiles::find(const TileIndex& id) {
   return found == in_memory_.end() ? nullptr : found->second.get();
 }
 
-RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, const std::string& ids_sha256) const {
+RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, const std::string& files_sha256) const {
   const RollingFiles files = filesOf(id, serial);
   internal::StateReader state(files.state);
   const FieldWindow window = idOf(id).window(tile_voxels_);
@@ -239,8 +240,9 @@ RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, co
       found.origin_W != params_.origin_W || describeTools(tools_, found) != described_) {
     throw InputError("state.other", files.state.string(), "is the state of another tile", "Restore the folder");
   }
+  files.requireWritten(state, files_sha256);
   RollingTile tile(internal::FieldAccess::load(state, tools_, params_.backend, params_.threads, {}, tables_.get()));
-  tile.ids = files.readIds(internal::FieldAccess::points(tile.field).size(), ids_sha256);
+  tile.ids = files.readIds(internal::FieldAccess::points(tile.field).size(), files_sha256);
   if (notes_changes_) {
     tile.told.emplace(tools_.size() > 1);
     static_cast<void>(tile.told->since(*tile.field.points()));  // before it left
@@ -260,7 +262,7 @@ RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now, std::opt
   const StoredTile& stored = stored_.at(id);
   try {
     if (!tile && !stored.serial) tile.emplace(newTile(id));
-    if (!tile) tile.emplace(readBack(id, *stored.serial, stored.ids_sha256));
+    if (!tile) tile.emplace(readBack(id, *stored.serial, stored.files_sha256));
     if (stored.serial) ++loaded_;
   } catch (const InputError& error) {
     if (!error.id().starts_with("state.")) throw;  // it may be there again, with the disk
@@ -337,7 +339,7 @@ Json RollingTiles::saveAll() {
                  {"closed", stored.closed},   {"bytes", stored.bytes.memory}, {"device_bytes", stored.bytes.device}};
     if (stored.serial) {
       tile["serial"] = *stored.serial;
-      tile["ids_sha256"] = stored.ids_sha256;
+      tile["files_sha256"] = stored.files_sha256;
     }
     Json left_out = Json::array();
     for (const auto& cell : stored.left_out) left_out.push_back(cell);
@@ -373,8 +375,14 @@ void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, std
     tile.at("device_bytes").get_to(stored.bytes.device);
     if (tile.contains("serial")) {
       stored.serial = tile.at("serial").get<std::uint64_t>();
-      tile.at("ids_sha256").get_to(stored.ids_sha256);
+      tile.at("files_sha256").get_to(stored.files_sha256);
       serial_ = std::max(serial_, *stored.serial + 1);
+      const RollingFiles files = filesOf({id.x, id.y}, *stored.serial);
+      for (const fs::path& file : {files.state, files.ids}) {
+        if (io::isFile(file)) continue;
+        throw InputError("rolling.damaged", file.string(), "is missing",
+                         "Restore it from a copy of the folder, or start again with another folder");
+      }
     }
     for (const Json& cell : tile.at("left_out")) stored.left_out.insert(cell.get<std::array<std::int32_t, 3>>());
     if (!id.quarters.empty() || stored_.contains({id.x, id.y}))
@@ -399,7 +407,7 @@ void RollingTiles::removeLeftovers() const {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder_, ignored)) {
     std::uint64_t serial = 0;
-    if (isRollingFile(entry.path().filename().string(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
+    if (isRollingFile(entry.path(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
   }
 }
 

@@ -50,7 +50,7 @@ struct TileBytes {
 struct StoredTile {
   /// Part of its files' names: a file is never written twice. None if the tile has only left_out.
   std::optional<std::uint64_t> serial;
-  std::string ids_sha256;
+  std::string files_sha256;                ///< RollingFiles::write()
   std::uint64_t touched = 0, returns = 0;  ///< as in RollingTile
   bool updated = false, behind = false;
   bool owed = false;  ///< an update that others have had
@@ -83,7 +83,7 @@ class RollingTile {
   /// Its files are being written: nobody else may use the field. Of a tile that has no as_saved.
   struct Saving {
     StoredTile stored;
-    std::shared_ptr<std::string> ids_sha256;
+    std::shared_ptr<std::string> files_sha256;
     DiskThread::Handle work;
     std::uint64_t since;  ///< step
   };
@@ -160,13 +160,18 @@ class RollingTiles {
     take(tile);
   }
   [[nodiscard]] std::map<TileIndex, std::unique_ptr<RollingTile>>& tilesInMemory() { return in_memory_; }
+  /// Those in memory, in the order in which they would leave.
+  [[nodiscard]] std::vector<TileIndex> oldestFirst() const {
+    return leavers([](const TileIndex&, const RollingTile&) { return false; });
+  }
 
   /// Saves what has changed of the tiles in memory, which stay there. @return all tiles, for restore()
   [[nodiscard]] Json saveAll();
   /// Of a folder where another object has called saveAll(). Only while there are no tiles. What else a process that was
   /// killed has left there goes.
   /// @param closed  closed() of that time
-  /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write
+  /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write; InputError "rolling.damaged"
+  ///         if a file is missing
   void restore(const Json& tiles, std::vector<std::string> lost, std::vector<Ball> closed);
   /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go. Nothing
   /// is under way afterwards but reading.
@@ -194,7 +199,7 @@ class RollingTiles {
   /// @param read  in advance, if it was
   [[nodiscard]] RollingTile load(const TileIndex& id, const MapTime& now, std::optional<RollingTile> read);
   /// On any thread. @param stored  with a serial
-  [[nodiscard]] RollingTile readBack(const TileIndex& id, std::uint64_t serial, const std::string& ids_sha256) const;
+  [[nodiscard]] RollingTile readBack(const TileIndex& id, std::uint64_t serial, const std::string& files_sha256) const;
   /// What was read in advance, if anything was.
   [[nodiscard]] std::optional<RollingTile> takeAhead(const TileIndex& id);
   void beginAhead(const TileIndex& id, const StoredTile& stored, std::uint64_t step);

@@ -43,12 +43,9 @@ void RollingLive::prepare() {
   every_s_ = parseDuration_s("--checkpoint-every", options_.map.checkpoint_every);
   const MapOptions& map = options_.map;
   tiles::requireOwnFolders(map.out);
+  requireRollingFolders(map);
   if (tiles::hasPlan(map.out))
-    throw OutputError("output.foreign", map.out, "holds the tiles of another run", "Choose another folder");
-  if (map.resume.empty() && RollingField::hasCheckpoint(map.rolling)) {
-    throw OutputError("output.foreign", map.rolling, "holds the tiles of an earlier run",
-                      "Add --resume " + map.rolling + " to go on with it, or choose another folder");
-  }
+    throw OutputError("output.foreign", map.out, "holds the tiles of another run", "Choose another folder for --out");
 }
 
 void RollingLive::addTo(LiveOptions& options) const {
@@ -58,7 +55,7 @@ void RollingLive::addTo(LiveOptions& options) const {
 
 void RollingLive::begin(const RollingField& field) {
   words_.sayTiles(field.status(), field.params().tsdf.voxel_size_m);
-  if (field.note().empty()) return;
+  if (field.note().empty() && field.status().steps == 0) return;
   if (field.note() != kNote) {
     throw UnusableInput("rolling.changed", options_.map.rolling, "was made by map, and goes on with its own scans",
                         "Use map --rolling, or another folder");
@@ -71,11 +68,7 @@ void RollingLive::begin(const RollingField& field) {
 
 void RollingLive::afterStep(RollingField& field, bool taken) {
   const RollingStatus now = field.status();
-  if (taken && words_.note(now)) {
-    messages_.warning(
-        "rolling.short",
-        "the tiles that one scan touches do not fit together: what is far is left out, and blocks; " + words_.cure());
-  }
+  if (taken) words_.note(now);
   const bool due = every_s_ > 0 && std::chrono::duration<double>(Clock::now() - last_).count() >= every_s_;
   if (!due || now.steps == saved_steps_) return;
   last_ = Clock::now();
@@ -103,8 +96,6 @@ bool RollingLive::goesOnAfter(const Error& error) {
 }
 
 void RollingLive::finish(RollingField& field) {
-  words_.sayEnd(field.status());
-  if (field.status().steps == 0) return;
   checkpoint(field);
   if (field.status().points == 0) return;
   messages_.notice("scoring, and writing the tiles");
@@ -113,6 +104,7 @@ void RollingLive::finish(RollingField& field) {
   source.inputs = report_.inputs;
   writeRolling(field, options_.map, writeOptions(options_.map.exported), source, report_, messages_);
   field.checkpoint(kNote);  // with the labels
+  words_.sayEnd(field.status());
 }
 
 }  // namespace accessvdb::tools

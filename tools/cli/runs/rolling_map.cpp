@@ -39,6 +39,10 @@ std::optional<std::string> whyNotRollingMap(const MapOptions& options, const Fie
   if (!options.remove.empty()) return "--remove needs a map in one piece";
   if (!options.survey.carry.empty()) return "--carry needs a map in one piece, or --tiles";
   if (options.survey.index) return "--index needs a map in one piece, or --tiles";
+  if (options.keep_rays || !options.bin_memory.empty()) return "--keep-rays and --bin-memory are for --tiles";
+  if (options.mirror_distance) return "--mirror-distance is for maps in one piece";
+  if (!options.removed_as.empty() && options.removed_as != MapOptions().removed_as)
+    return "--removed-as is for --remove";
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
   if (params.change.mode == ChangeMode::Full) {
     return "--change full reads rays whose returns lie in other tiles; use --change block";
@@ -65,6 +69,8 @@ class RollingRun {
 
   int run() {
     tiles::requireOwnFolders(options_.out);
+    std::tie(source_.parameters, source_.flight) = plannedSources(sources_);
+    requireNames();
     requireShownTools(options_, sources_.tools, params_, largestShareHidden(sources_.tools, params_), messages_);
     RollingField field = open();
     words_.sayTiles(field.status(), params_.tsdf.voxel_size_m);
@@ -72,7 +78,6 @@ class RollingRun {
     integrateAll(field, first);
     const int signal = stopSignal();
     if (report_.points_used > 0) field.checkpoint(note());
-    words_.sayEnd(field.status());
     if (signal != 0) {
       messages_.notice(
           std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) + " of " +
@@ -86,11 +91,19 @@ class RollingRun {
                               std::to_string(report_.scans) + " scans can be used (" + droppedInWords(report_) + ")",
                           "Check the scans, --min-range and --max-range");
     }
+    words_.sayEnd(field.status());
     report_.exit_code = signal == 0 ? 0 : 128 + signal;
     return report_.exit_code;
   }
 
  private:
+  /// That plan.json can be written, which is the last thing to be. @throws UnusableInput "plan.name"
+  void requireNames() const {
+    tiles::Plan plan;
+    plan.tool_name = namesOf(sources_.tools);
+    plan.flights.push_back(source_.flight);
+    static_cast<void>(tiles::identified(std::move(plan)));
+  }
   /// What --max-memory leaves for tiles: the rest is the process without any, and a step of scans.
   [[nodiscard]] std::uint64_t tileLimit() const {
     const std::optional<std::uint64_t> limit = memoryLimit(options_);
@@ -108,16 +121,7 @@ class RollingRun {
     return *limit - used;
   }
   RollingField open() {
-    const bool there = RollingField::hasCheckpoint(options_.rolling);
-    const bool resumes = !options_.resume.empty() && there;
-    if (!resumes && tiles::hasPlan(options_.out)) {  // said now, not after hours
-      throw OutputError("output.foreign", options_.out, "holds the tiles of another run",
-                        "Choose another folder, or --fresh to delete them");
-    }
-    if (!resumes && there) {
-      throw OutputError("output.foreign", options_.rolling, "holds the tiles of an earlier run",
-                        "Add --resume " + options_.rolling + " to go on with it, or choose another folder");
-    }
+    const bool resumes = !options_.resume.empty() && RollingField::hasCheckpoint(options_.rolling);
     RollingOptions rolling;
     rolling.folder = options_.rolling;
     rolling.memory_limit_bytes = tileLimit();
@@ -143,7 +147,7 @@ class RollingRun {
 
   /// Reads the scans that the field has already: they have to be the same ones. @return their number
   std::size_t readResumed(const RollingField& field) {
-    if (field.note().empty()) return 0;
+    if (field.note().empty() && field.status().steps == 0) return 0;
     RunProgress before;
     Reading reading;
     try {
@@ -154,8 +158,12 @@ class RollingRun {
       before.steps = std::numeric_limits<std::uint64_t>::max();
     }
     if (before.next_step != field.status().steps || before.next_step > before.steps) {
-      throw InputError("rolling.damaged", options_.rolling, "says what no run of map can have left",
-                       "Use another folder");
+      throw UnusableInput("rolling.changed", options_.rolling, "was not made by map: it holds other scans",
+                          "Go on with what it was made by, or use another folder");
+    }
+    if (before.next_step < sources_.scans.size() && tiles::hasPlan(options_.out)) {  // said now, not after hours
+      throw OutputError("output.foreign", options_.out, "holds the tiles of another run",
+                        "Choose another folder for --out");
     }
     const ResumedProgress resumed = {before, reading, options_.resume};
     requireSameReading(resumed, reading_, sources_.scans.size());
@@ -198,7 +206,11 @@ class RollingRun {
       words_.note(field.status());
       progress.show(step + 1, fs::path(record.path).filename().string());
       if (checkpoint_every_s_ > 0 && secondsSince(last_checkpoint) >= checkpoint_every_s_) {
-        field.checkpoint(note());
+        try {
+          field.checkpoint(note());
+        } catch (const OutputError& error) {  // the one before it is whole
+          if (!std::exchange(said_failed_, true)) messages_.warning("checkpoint.failed", error.what());
+        }
         last_checkpoint = Clock::now();
       }
     }
@@ -218,8 +230,7 @@ class RollingRun {
     if (!messages_.quiet()) messages_.notice("scoring, and writing the tiles");
     io::WriteOptions files = writeOptions(options_.exported);
     files.frame = sources_.scans.frame();
-    RollingSource source;
-    std::tie(source.parameters, source.flight) = plannedSources(sources_);
+    RollingSource source = source_;
     source.inputs = report_.inputs;
     source.inputs.insert(source.inputs.end(), scans_.begin(), scans_.end());
     source.frame = sources_.scans.frame();
@@ -240,6 +251,8 @@ class RollingRun {
   RollingWords words_{options_.rolling, messages_};
   std::vector<io::InputFile> scans_;
   std::set<std::string> hashed_;
+  RollingSource source_;  ///< without what only the end knows
+  bool said_failed_ = false;
 };
 
 }  // namespace
@@ -249,6 +262,7 @@ void requireRollingPossible(const MapOptions& options, const FieldParams& params
     throw InvalidArgument("usage.rolling", "--rolling " + options.rolling, *reason,
                           "Leave that option out, or --rolling");
   }
+  requireRollingFolders(options);
 }
 
 int mapRolling(const PlanSources& sources, const std::vector<io::InputFile>& poses, RunReport& report,

@@ -6,23 +6,55 @@
 #include <cmath>
 #include <filesystem>
 
+#include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
+#include "runs/tile_job.h"
 #include "runs/tiled_map.h"
 
 namespace accessvdb::tools {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+/// The same for all ways to write it, whether it is there or not.
+fs::path folderAt(const std::string& given) {
+  const fs::path path = fs::weakly_canonical(fs::absolute(given)).lexically_normal();
+  return path.has_filename() ? path : path.parent_path();
+}
+
+bool isWithin(const fs::path& inner, const fs::path& outer) {
+  const auto [at, rest] = std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end());
+  return at == outer.end();
+}
+
+}  // namespace
+
+void requireRollingFolders(const MapOptions& options) {
+  const bool there = RollingField::hasCheckpoint(options.rolling), resumes = there && !options.resume.empty();
+  if (there && !resumes) {
+    throw OutputError("output.foreign", options.rolling, "holds the tiles of an earlier run",
+                      "Add --resume " + options.rolling + " to go on with it, or choose another folder");
+  }
+  if (!there && io::isThere(options.rolling, ErrorCode::Output) &&
+      !(fs::is_directory(options.rolling) && fs::is_empty(options.rolling))) {
+    throw OutputError("output.foreign", options.rolling, "is not an empty folder", "Choose another one for --rolling");
+  }
+  if (!resumes && !options.fresh && tiles::hasPlan(options.out)) {  // said now, not after hours
+    throw OutputError("output.foreign", options.out, "holds the tiles of another run",
+                      "Choose another folder for --out");
+  }
+}
+
 std::optional<std::string> whyNotRolling(const MapOptions& options) {
-  const auto isSameFolder = [](const fs::path& a, const fs::path& b) {
-    return fs::weakly_canonical(a) == fs::weakly_canonical(b);
-  };
+  const fs::path rolling = folderAt(options.rolling), out = folderAt(options.out);
   if (options.exported.surface) return "--surface needs all points at once";
   if (!options.checkpoint.empty()) return "its folder holds the checkpoints; leave --checkpoint out";
-  if (!options.resume.empty() && !isSameFolder(options.resume, options.rolling)) {
+  if (!options.resume.empty() && folderAt(options.resume) != rolling)
     return "--resume names another folder; name the same one in both";
-  }
-  if (isSameFolder(options.out, options.rolling)) return "--out is the same folder; the result needs one of its own";
+  if (isWithin(rolling, out) || isWithin(out, rolling))
+    return "--out is the same folder, or one lies in the other; the result needs one of its own";
   return std::nullopt;
 }
 
@@ -33,10 +65,13 @@ void RollingWords::sayTiles(const RollingStatus& now, double voxel_size_m) {
                    folder_);
 }
 
-bool RollingWords::note(const RollingStatus& now) {
-  if (!now.memory_short) return false;
+void RollingWords::note(const RollingStatus& now) {
+  if (!now.memory_short) return;
   fitting_range_m_ = std::min(fitting_range_m_, now.fitting_range_m);
-  return ++short_scans_ == 1;
+  if (++short_scans_ > 1) return;
+  messages_.warning(
+      "rolling.short",
+      "the tiles that one scan touches do not fit together: what is far is left out, and blocks; " + cure());
 }
 
 std::string RollingWords::cure() const {
@@ -51,20 +86,21 @@ void RollingWords::sayEnd(const RollingStatus& now) {
                    " of them in memory; " + std::to_string(now.saved) + " left it, " + std::to_string(now.loaded) +
                    " came back");
   if (now.left_out_returns > 0) {
-    messages_.warning("rolling.short", std::to_string(now.left_out_returns) +
-                                           " returns were left out for lack of memory, in " +
-                                           std::to_string(short_scans_) +
-                                           " scans of this run, and block what lies around them; " + cure());
+    messages_.notice(
+        std::to_string(now.left_out_returns) + " returns were left out for lack of memory" +
+        (short_scans_ > 0 ? ", in " + std::to_string(short_scans_) + " scans of this run" : std::string()) +
+        ", and block what lies around them; " + cure());
   }
   if (!now.lost_tiles.empty()) {
     messages_.warning("rolling.lost", std::to_string(now.lost_tiles.size()) +
-                                          " tiles were damaged on the disk, and all their points are unscored: " +
+                                          " tiles were damaged on the disk, and what they held is missing: " +
                                           now.lost_tiles.front() + (now.lost_tiles.size() > 1 ? " and others" : ""));
   }
 }
 
 void writeRolling(RollingField& field, const MapOptions& options, const io::WriteOptions& files,
                   const RollingSource& source, RunReport& report, Messages& messages) {
+  if (!options.no_clobber) removePieces(options.out);
   tiles::Status status;
   status.done = field.write(options.out, files, source);
   const tiles::Job job = {options.out, tiles::readPlan(options.out), field.tools(), field.params()};

@@ -23,13 +23,14 @@ class RollingWords {
   RollingWords(std::string folder, Messages& messages) : folder_(std::move(folder)), messages_(messages) {}
 
   void sayTiles(const RollingStatus& now, double voxel_size_m);
-  /// After each scan. @return whether it is the first one of which something was left out
-  bool note(const RollingStatus& now);
+  /// After each scan: warns of the first one that does not fit.
+  void note(const RollingStatus& now);
+  /// After everything was read that will be: damage shows only then.
   void sayEnd(const RollingStatus& now);
-  /// What would take all that was left out, as advice.
-  [[nodiscard]] std::string cure() const;
 
  private:
+  [[nodiscard]] std::string cure() const;
+
   std::string folder_;
   Messages& messages_;
   std::uint64_t short_scans_ = 0;
@@ -38,6 +39,9 @@ class RollingWords {
 
 /// What of the flags that map and live share does not go with --rolling.
 [[nodiscard]] std::optional<std::string> whyNotRolling(const MapOptions& options);
+
+/// That neither folder holds what a run with these flags does not go on with. @throws OutputError "output.foreign"
+void requireRollingFolders(const MapOptions& options);
 
 /// Scores, and writes tiles, field.json, preview.png and report.json into --out.
 void writeRolling(RollingField& field, const MapOptions& options, const io::WriteOptions& files,

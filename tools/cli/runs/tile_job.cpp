@@ -149,15 +149,14 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   return plan;
 }
 
-/// Files that a run in one piece left: they are of another run than the tiles. Later ones may be merged from these.
+}  // namespace
+
 void removePieces(const fs::path& out) {
   std::error_code ignored;
   for (const fs::path& file : inFolder(out, {"field.vdb", "field_points.vdb", "points.ply", "points.las"})) {
     if (isOwn(file)) fs::remove(file, ignored);
   }
 }
-
-}  // namespace
 
 namespace {
 

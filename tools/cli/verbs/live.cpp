@@ -452,7 +452,7 @@ int LiveRun::run() {
 }
 
 void LiveRun::reportFailure(const Failure& failure) {
-  if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
+  if (failure.id == "output.is_input" || failure.id == "output.foreign" || failure.id == "usage.rolling") return;
   if (!options_.map.out.empty() && !refused_)
     writeFailure(options_.map.out, options_.map.no_clobber, report_, failure, messages_);
 }
