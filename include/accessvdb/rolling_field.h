@@ -110,6 +110,10 @@ class ACCESSVDB_API RollingField {
   /// @throws InvalidArgument "rolling.changes" without RollingOptions::notes_changes
   [[nodiscard]] std::vector<SurfacePoint> takeChanged();
 
+  /// From now on tiles leave as if the limits were this share of themselves, 0 .. 1: for who knows that the process
+  /// takes more than the tiles say. No result depends on it: only the limits decide on what is left out.
+  void tighten(double share);
+
   /// All points, tile by tile; in a tile by their ids. Tiles are loaded for it one at a time.
   void forEachTile(const std::function<void(std::span<const SurfacePoint> points)>& take);
   /// Points of the tiles in memory, by ids: those around the sensor.

@@ -520,6 +520,8 @@ std::vector<SurfacePoint> RollingField::takeChanged() {
   return last;
 }
 
+void RollingField::tighten(double share) { impl_->tiles.tighten(std::clamp(share, 0.0, 1.0)); }
+
 void RollingField::checkpoint(const std::string& note) {
   impl_->requireWhole();
   impl_->checkpoint(note);

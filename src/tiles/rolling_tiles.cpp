@@ -66,15 +66,17 @@ TileBytes RollingTiles::use() const {
   return all;
 }
 
-bool RollingTiles::isWithin(const TileBytes& all) const {
-  return (limits_.memory_bytes == 0 || all.memory <= limits_.memory_bytes) &&
-         (limits_.device_bytes == 0 || all.device <= limits_.device_bytes);
+bool RollingTiles::isWithin(const TileBytes& all, double share) const {
+  const auto fits = [share](std::uint64_t bytes, std::uint64_t limit) {
+    return limit == 0 || static_cast<double>(bytes) <= share * static_cast<double>(limit);
+  };
+  return fits(all.memory, limits_.memory_bytes) && fits(all.device, limits_.device_bytes);
 }
 
 bool RollingTiles::fitsWith(TileBytes more) const {
   more += use();
   more += growth_;
-  return isWithin(more);
+  return isWithin(more, share_);
 }
 
 void RollingTiles::noteGrowth(const TileBytes& growth) {
@@ -119,7 +121,9 @@ void RollingTiles::shrink(const TileIndex& kept) {
   const auto isNeeded = [&](const TileIndex& id, const RollingTile& tile) {
     return id == kept || tile.touched + kIdleSteps > step_;
   };
-  while (!isWithin(use()) && (letOldestGo(isNeeded) || dropOneAhead(kept, step_ + 1) || letOldestGo(stays))) {
+  while (!isWithin(use(), share_) && (letOldestGo(isNeeded) || dropOneAhead(kept, step_ + 1))) {
+  }
+  while (!isWithin(use()) && letOldestGo(stays)) {
   }
 }
 

@@ -109,6 +109,8 @@ class RollingTiles {
   /// Whether the scan that is to come fits: of other tiles, those that were touched longest ago leave until it does.
   /// @param id     a tile that the step touches  @param step  others that it touched before stay
   bool makeRoomFor(const TileIndex& id, std::uint64_t step);
+  /// RollingField::tighten().
+  void tighten(double share) { share_ = share; }
   /// What an update took may be too much: then tiles leave, too, that the last step touched, but not this one.
   void shrink(const TileIndex& kept);
   /// The step touches these, nearest first, as far as there is room: they and what was read of them leave last.
@@ -224,7 +226,9 @@ class RollingTiles {
   void removeLeftovers() const;
   [[nodiscard]] double cellEdge_m() const;
   [[nodiscard]] RollingFiles filesOf(const TileIndex& id, std::uint64_t serial) const { return {folder_, id, serial}; }
-  [[nodiscard]] bool isWithin(const TileBytes& all) const;
+  /// @param share  of the limits
+  [[nodiscard]] bool isWithin(const TileBytes& all, double share = 1) const;
+  /// Within what tighten() has left of the limits.
   [[nodiscard]] bool fitsWith(TileBytes more) const;
   [[nodiscard]] TileBytes bytesToLoad(const TileIndex& id) const;
   using Stays = std::function<bool(const TileIndex& id, const RollingTile& tile)>;
@@ -245,6 +249,7 @@ class RollingTiles {
   Limits limits_;
   std::int32_t tile_voxels_;
   bool notes_changes_;
+  double share_ = 1;
   std::vector<Ball> closed_;
   std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
   std::map<TileIndex, StoredTile> stored_;   ///< disjoint from those in memory

@@ -198,6 +198,37 @@ TEST(RollingUpdate, OfAllTilesAtOnceKeepsTheLimit) {
   EXPECT_EQ(differences(unlimited.snapshot(), rolling.snapshot()), 0U);
 }
 
+/// Tiles leave earlier, and nothing else changes: also where memory is short.
+TEST(RollingTighten, ChangesNoResult) {
+  for (const double memory_share : {0.7, 0.3}) {
+    SCOPED_TRACE(memory_share);
+    const Case test = {.name = "tight", .seed = 29, .change = ChangeMode::Block};
+    const std::vector<Step> steps = walk(test);
+    const ScratchFolder scratch;
+    RollingOptions options;
+    options.memory_limit_bytes =
+        static_cast<std::uint64_t>(memory_share * static_cast<double>(bytesOfAll(test, steps)));
+    options.tile_voxels = kTile_voxels;
+    options.folder = scratch / "loose";
+    RollingField loose(toolsOf(test), paramsOf(test), options);
+    options.folder = scratch / "tight";
+    RollingField tight(toolsOf(test), paramsOf(test), options);
+    for (std::size_t n = 0; n < steps.size(); ++n) {
+      if (n % 10 == 5) tight.tighten(0.9 - 0.02 * static_cast<double>(n));
+      for (RollingField* field : {&loose, &tight}) {
+        integrate(*field, steps[n], 0.1 * static_cast<double>(n));
+        field->update();
+      }
+      ASSERT_EQ(tight.status().memory_short, loose.status().memory_short) << n;
+      ASSERT_EQ(tight.status().left_out_returns, loose.status().left_out_returns) << n;
+      ASSERT_EQ(differences(loose.snapshot(), tight.snapshot()), 0U) << "step " << n;
+    }
+    EXPECT_EQ(loose.status().left_out_returns > 0, memory_share < 0.5);
+    // Where even the tiles of one scan do not fit, all others have left anyway.
+    EXPECT_TRUE(memory_share < 0.5 || tight.status().saved > loose.status().saved);
+  }
+}
+
 /// What is written beside the steps and cannot be, is tried again when the tile has to leave. Nothing is lost.
 TEST(RollingDisk, ThatIsFullIsSaidByTheStepThatNeedsIt) {
   for (const Pace pace : {Pace::AtOnce, Pace::WhenNeeded, Pace::Beside}) {

@@ -120,11 +120,21 @@ class RollingRun {
     }
     return *limit - used;
   }
+  /// The process takes more than tiles count, such as what each keeps for its next scan.
+  void keepWithinLimit(RollingField& field) {
+    const std::optional<std::uint64_t> limit = memoryLimit(options_);
+    if (!limit || residentMemoryBytes() <= *limit / 32 * 31 || report_.scans < tightened_at_ + kStepsToLeave) return;
+    tightened_at_ = report_.scans;
+    share_ =
+        std::min(share_, static_cast<double>(field.status().memory_bytes) / static_cast<double>(tile_limit_bytes_));
+    share_ *= kBelow;
+    field.tighten(share_);
+  }
   RollingField open() {
     const bool resumes = !options_.resume.empty() && RollingField::hasCheckpoint(options_.rolling);
     RollingOptions rolling;
     rolling.folder = options_.rolling;
-    rolling.memory_limit_bytes = tileLimit();
+    rolling.memory_limit_bytes = tile_limit_bytes_ = tileLimit();
     return resumes ? RollingField::resume(sources_.tools, params_, rolling, tableProgress(messages_))
                    : RollingField(sources_.tools, params_, rolling, tableProgress(messages_));
   }
@@ -204,6 +214,7 @@ class RollingRun {
       }
       report_.frame.add(1e3 * secondsSince(begin));
       words_.note(field.status());
+      keepWithinLimit(field);
       progress.show(step + 1, fs::path(record.path).filename().string());
       if (checkpoint_every_s_ > 0 && secondsSince(last_checkpoint) >= checkpoint_every_s_) {
         try {
@@ -228,6 +239,7 @@ class RollingRun {
     for (const std::string& path : sources_.scans.paths()) hash(path);
     losses_.say(sources_.scans, messages_);
     if (!messages_.quiet()) messages_.notice("scoring, and writing the tiles");
+    field.tighten(share_ / 2);  // a tile is copied while it is written
     io::WriteOptions files = writeOptions(options_.exported);
     files.frame = sources_.scans.frame();
     RollingSource source = source_;
@@ -253,6 +265,11 @@ class RollingRun {
   std::set<std::string> hashed_;
   RollingSource source_;  ///< without what only the end knows
   bool said_failed_ = false;
+  /// Scans after which memory that tiles have left is the system's again.
+  static constexpr std::uint64_t kStepsToLeave = 8;
+  static constexpr double kBelow = 0.95;
+  std::uint64_t tile_limit_bytes_ = 0, tightened_at_ = 0;
+  double share_ = 1;  ///< RollingField::tighten()
 };
 
 }  // namespace
