@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "accessvdb/program/point_table.h"
+#include "report/field_folder.h"
 
 namespace accessvdb::internal {
 
 class TableMaker {
  public:
-  /// @param origin_W  of the map  @param attributes  names of what points carry
-  TableMaker(const Eigen::Vector3d& origin_W, double voxel_size_m, std::vector<std::string> attributes);
+  explicit TableMaker(const FieldFolder& folder);
 
   /// @param carried  [attributes]
   /// @return the steps of ExactArea that the point stands for
@@ -26,7 +26,7 @@ class TableMaker {
  private:
   Eigen::Vector3d origin_W_;
   double voxel_size_m_;
-  std::vector<std::string> names_;
+  std::vector<std::string> names_, tools_;
   io::PointRow whole_;
   std::vector<std::unordered_map<std::int32_t, io::PointRow>> rows_;  ///< [attributes]
 };

@@ -151,6 +151,44 @@ TEST_F(Table, OfAMapWithoutAttributesIsTheWholeAlone) {
   refuse({"query", "--map", path("out"), "--table", "--json"}, 2, "usage.table");
 }
 
+/// Of several tools each has a column; against the bits of points.ply, whole and in tiles.
+TEST_F(Table, EachOfSeveralToolsHasAColumn) {
+  const Flags two = {"--tool", "builtin:pruner", "--tool-name", "arm", "--tool-name", "thin"};
+  Flags whole = two, tiled = two;
+  whole.insert(whole.end(), {"--tiles", "off"});
+  tiled.insert(tiled.end(), {"--tiles", "6.4"});
+  succeed(map(whole));
+  succeed(map(tiled, "tiled"));
+  EXPECT_EQ(readText("out/table.csv"), readText("tiled/table.csv"));
+  const Ply points(readText("out/points.ply"));
+  const Vector origin_W = originOf(points);
+  const auto at = [&](const char* name, std::size_t n) { return points.column.at(name)[n]; };
+  std::map<std::string, double> area_m2[2];
+  for (std::size_t n = 0; n < points.rows; ++n) {
+    const double own_m2 =
+        sectionOf({at("x", n), at("y", n), at("z", n)}, {at("nx", n), at("ny", n), at("nz", n)}, origin_W, 0.05);
+    for (int k = 0; k < 2; ++k) {
+      if ((static_cast<unsigned>(at("tools", n)) >> k & 1) != 0)
+        area_m2[k][std::to_string(static_cast<int>(at("tree_id", n)))] += own_m2;
+    }
+  }
+  const std::vector<Row> rows = rowsOf("out");
+  Exact sum[3];
+  for (const Row& row : rows) {
+    if (row.at("attribute") != "tree_id") continue;
+    const std::string id = row.at("id").empty() ? "-2147483648" : row.at("id");
+    EXPECT_NEAR(std::stod(row.at("accessible_arm_m2")), area_m2[0][id], 1e-9 * static_cast<double>(points.rows)) << id;
+    EXPECT_NEAR(std::stod(row.at("accessible_thin_m2")), area_m2[1][id], 1e-9 * static_cast<double>(points.rows)) << id;
+    sum[0] += exactly(row.at("accessible_arm_m2"), 9);
+    sum[1] += exactly(row.at("accessible_thin_m2"), 9);
+    sum[2] += exactly(row.at("accessible_m2"), 9);
+  }
+  EXPECT_EQ(sum[0], exactly(rows[0].at("accessible_arm_m2"), 9));
+  EXPECT_EQ(sum[1], exactly(rows[0].at("accessible_thin_m2"), 9));
+  EXPECT_NE(sum[0], sum[1]);
+  EXPECT_LE(std::max(sum[0], sum[1]), sum[2]);  // what any of them reaches
+}
+
 /// Pines that stand 32 m apart were seen by a sensor of their own each, so each is mapped as if it were alone. Its row
 /// has to be what a map of it alone says.
 class PlotOfPines : public large_test::TiledTest, public testing::WithParamInterface<const char*> {};

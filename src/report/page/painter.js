@@ -70,7 +70,7 @@ class Painter {
   // Draws nothing with everything, so that the driver translates the shaders while points are still being unpacked.
   warmUp(camera) {
     this.uploaded = Math.min(1, this.points.ids.length);
-    this.draw(camera, {mode: 0, hidden: 127}, 1);
+    this.draw(camera, {mode: 0, hidden: -1 >>> 0}, 1);
     this.uploaded = 0;
   }
 

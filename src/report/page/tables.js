@@ -21,12 +21,15 @@ function mainReason(row) {
 }
 
 // @param shown  called with a row whose points are to be looked at
-function fillTables(facts, shown) {
+// @param sorting  a Map that keeps, from call to call, by which column each table is sorted
+function fillTables(facts, sorting, shown) {
+  byId("tables").replaceChildren();
   for (const table of facts.tables || []) {
     const columns = TABLE_COLUMNS.map((column, n) => n > 0 ? column : {...column, name: table.attribute});
     const body = element("tbody");
-    let by = 0, up = true;
+    let {by, up} = sorting.get(table.attribute) || {by: 0, up: true};
     const fill = () => {
+      sorting.set(table.attribute, {by, up});
       const value = columns[by].value;
       const rows = [...table.rows].sort((a, b) => (value(a) < value(b) ? -1 : value(a) > value(b) ? 1 : 0) * (up ? 1 : -1));
       body.replaceChildren(...rows.map((row) => {

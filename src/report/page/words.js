@@ -4,7 +4,8 @@
 // What the report says about each reason, and the colours that stand for it.
 
 const LABELS = ["unscored", "accessible", "blocked"];
-const REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed"];
+// The last one is none of points.ply: with one of several tools chosen, what only others reach.
+const REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed", "other"];
 
 // The palette of Okabe and Ito (2008), "Color Universal Design", which colour-blind people can tell apart; grey where
 // too little was seen. The same as in preview.png with --colour reason.
@@ -17,6 +18,7 @@ const REASON_COLOURS = {
   arm: [230, 159, 0],
   tool: [213, 94, 0],
   changed: [240, 228, 66],
+  other: [46, 48, 54],
 };
 const LABEL_COLOURS = {unscored: [150, 152, 156], accessible: [0, 158, 115], blocked: [213, 94, 0]};
 const IN_TOOL_COLOUR = [250, 228, 40];
@@ -24,7 +26,7 @@ const IN_TOOL_COLOUR = [250, 228, 40];
 const LABEL_WORDS = {unscored: "not judged", accessible: "reachable", blocked: "not reachable"};
 
 // Order of the list: good news first, then what can be changed most easily.
-const REASON_ORDER = ["none", "tool", "arm", "unknown", "unseen", "normal", "confidence", "changed"];
+const REASON_ORDER = ["none", "other", "tool", "arm", "unknown", "unseen", "normal", "confidence", "changed"];
 const REASON_WORDS = {
   none: {
     name: "Reachable",
@@ -65,6 +67,11 @@ const REASON_WORDS = {
     name: "Has gone",
     means: "What was measured here is no longer there: rays went through it.",
     todo: "Nothing: there is no surface here any more.",
+  },
+  other: {
+    name: "By another tool only",
+    means: "The chosen tool does not reach it, another one of the run does.",
+    todo: "Take one that its card names.",
   },
 };
 
