@@ -174,6 +174,14 @@ TEST_F(Export, SaysWhenThereIsNoFrame) {
   const auto run = cli_test::runProgram({"export", "--map", path("out"), "--raster", path("a.tif")});
   EXPECT_EQ(run.exit_code, 0) << run.err;
   EXPECT_NE(run.err.find("warning[export.no_frame]"), std::string::npos);
+  // A points.las without a system says none either.
+  Cloud nowhere;
+  nowhere.wkt.clear();
+  use(nowhere);
+  succeed(map({"--tiles", "off"}, "nowhere"));
+  EXPECT_NE(cli_test::runProgram({"export", "--map", path("nowhere"), "--vector", path("a.gpkg")})
+                .err.find("warning[export.no_frame]"),
+            std::string::npos);
   writeText("frame.wkt", kMetres);
   succeed(exported({"--raster", path("a.tif"), "--crs", path("frame.wkt")}));
   EXPECT_EQ(meaning(path("a.tif")), meaning("EPSG:26912"));
