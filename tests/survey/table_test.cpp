@@ -8,7 +8,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -18,6 +20,7 @@
 #include <vector>
 
 #include "large/tiled_test.h"
+#include "support/bytes.h"
 #include "survey/survey_world.h"
 
 namespace accessvdb::survey_test {
@@ -149,6 +152,55 @@ TEST_F(Table, OfAMapWithoutAttributesIsTheWholeAlone) {
   ASSERT_EQ(rows.size(), 1u);
   EXPECT_EQ(rows[0].at("points"), std::to_string(Ply(readText("out/points.ply")).rows));
   refuse({"query", "--map", path("out"), "--table", "--json"}, 2, "usage.table");
+}
+
+/// Each point is a tree of its own: all are in the table, the page says how many it leaves out.
+TEST_F(Table, AMillionTreesHaveARowEach) {
+  constexpr std::size_t kSide = 1000, kTrees = kSide * kSide;
+  // Odd, so that numbers below 2^22 are all different; some are negative.
+  const auto idOf = [](std::size_t n) { return static_cast<std::int32_t>(n * 2147483u % (1u << 22)) - 1'000'000; };
+  std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(kTrees) + "\n";
+  for (const char* name : {"float x", "float y", "float z", "float nx", "float ny", "float nz", "int tree_id"})
+    bytes += std::string("property ") + name + "\n";
+  bytes += "end_header\n";
+  for (std::size_t n = 0; n < kTrees; ++n) {
+    // Ten to a metre, each in the middle of a voxel of 50 mm.
+    for (const float value :
+         {0.1f * static_cast<float>(n % kSide), 0.1f * static_cast<float>(n / kSide), 0.1f, 0.05f, 0.0f, 0.5f}) {
+      test::put(bytes, value);
+    }
+    test::put(bytes, idOf(n));
+  }
+  writeText("million.ply", bytes);
+  scans_ = {"--scans", path("million.ply"), "--carry", "tree_id", "--static", "--origin", "0,0,0"};
+  succeed(map({"--tiles", "off", "--html"}));
+  std::istringstream lines(readText("out/table.csv"));
+  std::string line;
+  std::getline(lines, line);
+  ASSERT_TRUE(std::getline(lines, line));
+  EXPECT_TRUE(line.starts_with("all,," + std::to_string(kTrees) + ",")) << line;
+  std::vector<bool> seen(std::size_t{1} << 22);
+  std::size_t rows = 0;
+  std::int64_t last = -1'000'001;
+  while (std::getline(lines, line)) {
+    ASSERT_TRUE(line.starts_with("tree_id,")) << line;
+    char* end = nullptr;
+    const std::int64_t id = std::strtol(line.c_str() + 8, &end, 10);
+    ASSERT_TRUE(std::string(end).starts_with(",1,")) << line;
+    ASSERT_GT(id, last);
+    last = id;
+    seen[static_cast<std::size_t>(id + 1'000'000)] = true;
+    ++rows;
+  }
+  EXPECT_EQ(rows, kTrees);
+  for (std::size_t n = 0; n < kTrees; ++n) ASSERT_TRUE(seen[static_cast<std::size_t>(idOf(n) + 1'000'000)]) << n;
+  const std::string page = readText("out/report.html");
+  EXPECT_LT(page.size(), 20'000'000u);
+  EXPECT_NE(page.find("\"rows_total\":1000000"), std::string::npos);
+  std::size_t shown = 0;
+  for (std::size_t at = page.find("\"reasons_m2\""); at != std::string::npos; at = page.find("\"reasons_m2\"", at + 1))
+    ++shown;
+  EXPECT_EQ(shown, 1000u);
 }
 
 /// Of several tools each has a column; against the bits of points.ply, whole and in tiles.
