@@ -68,10 +68,12 @@ void CarriedCheck::note(const CarriedFields* fields, const std::string& subject)
                 [&](const std::string& name) { return std::find(here.begin(), here.end(), name) == here.end(); });
 }
 
-void CarriedCheck::require() const {
+void CarriedCheck::require(const std::string& doubt) const {
   if (missing_.empty() || subject_.empty()) return;
-  throw UnusableInput("carry.missing", subject_, "has no " + missing_.front() + ", nor has any other scan",
-                      "Name one of: " + present_);
+  throw UnusableInput(
+      "carry.missing", subject_,
+      "has no " + missing_.front() + ", nor has any other scan" + (doubt.empty() ? "" : " (" + doubt + ")"),
+      "Name one of: " + present_);
 }
 
 std::int32_t CarriedFields::besides(std::size_t n, std::uint64_t row) const {
