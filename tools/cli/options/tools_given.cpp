@@ -106,7 +106,12 @@ double voxelThatShows_m(const ToolGeometry& tool, FieldParams params, double mos
 void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& tools, const FieldParams& params,
                        double share, Messages& messages) {
   if (share <= kMostHidden || options.allow_hidden_tool) {
-    if (const auto warning = hiddenToolWarning(share)) messages.warning(warning->id, warning->text);
+    for (const ToolSpec& tool : tools) {
+      const double of_tool = tools.size() > 1 ? toolShareHidden(tool.tool, toolParams(tool, params)) : share;
+      const auto warning = hiddenToolWarning(of_tool);
+      if (!warning) continue;
+      messages.warning(warning->id, tools.size() == 1 ? warning->text : "tool " + tool.name + ": " + warning->text);
+    }
     return;
   }
   const double voxel_m = params.tsdf.voxel_size_m;
