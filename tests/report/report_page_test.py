@@ -5,6 +5,7 @@
     report_page_test.py ACCESSVDB ACCESSVDB_LAB CHROMIUM      exit code 77 (skipped) without Chromium or NumPy
 """
 
+import base64
 import json
 import pathlib
 import re
@@ -119,6 +120,66 @@ class ReportPage(unittest.TestCase):
         self.assertEqual(self.browser.evaluate(
             "document.querySelectorAll('#tables tbody tr')[2].getAttribute('aria-selected')"), "true")
         self.assert_silent()
+
+    def picture(self):
+        """Pixels of the picture that print would show, as rows of red, green, blue."""
+        data = self.browser.evaluate("""(async () => {
+            window.dispatchEvent(new Event('beforeprint'));
+            const picture = document.getElementById('print-picture');
+            await picture.decode();
+            window.dispatchEvent(new Event('afterprint'));
+            const canvas = document.createElement('canvas'), {naturalWidth: w, naturalHeight: h} = picture;
+            [canvas.width, canvas.height] = [w, h];
+            const context = canvas.getContext('2d');
+            context.drawImage(picture, 0, 0);
+            const {data} = context.getImageData(0, 0, w, h);
+            let text = '';
+            for (let n = 0; n < data.length; n += 4) text += String.fromCharCode(data[n], data[n + 1], data[n + 2]);
+            return [w, h, btoa(text)];
+        })()""")
+        return np.frombuffer(base64.b64decode(data[2]), np.uint8).reshape(data[1], data[0], 3)
+
+    def test_a_plot_with_trees_is_in_the_picture_and_its_table_in_the_column(self):
+        # A wide ground and a thin tall tree, which has one point in a hundred.
+        points = stored_field.random_points(20_000, size_m=1.0)
+        points["position"][:, :2] *= 24
+        points["position"][:, 2] *= 0.1
+        tree = np.zeros(len(points), int)
+        tree[:200] = 123456
+        points["position"][:200] = np.column_stack([np.full(200, 12.0), np.full(200, 8.0), np.linspace(0, 20, 200)])
+        points["label"], points["reason"], points["score"] = 1, 0, 0
+        points["label"][200:], points["reason"][200:] = 2, 2
+        folder = stored_field.write_field(self.root / "plot", points, carried={"classification": tree})
+        self.show(self.make(folder))
+        view = "Object.fromEntries([...document.querySelectorAll('#view')].map((c) => ['size', [c.clientWidth, c.clientHeight]]))"
+        width, height = self.browser.evaluate(view)["size"]
+        self.browser.wait_for("location.hash.includes('view=')")
+        x, y, z, distance, azimuth, elevation = (
+            float(each) for each in re.search(r"view=([^&]*)", self.browser.evaluate("location.hash"))[1].split(","))
+        a, e = np.radians([azimuth, elevation])
+        back = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+        right = np.array([-np.sin(a), np.cos(a), 0])
+        from_eye = points["position"] - (np.array([x, y, z]) + distance * back)
+        depth = from_eye @ -back
+        up = np.tan(np.radians(20))  # half of the field of view
+        inside = (np.abs(from_eye @ right) <= depth * up * width / height) & \
+                 (np.abs(from_eye @ np.cross(back, right)) <= depth * up)
+        self.assertGreater(inside.mean(), 0.99)  # a far return may be outside
+        self.assertGreater(inside[:200].mean(), 0.95, "the top of the tree")
+        self.assertLessEqual(*self.browser.evaluate(
+            "(() => { const r = document.querySelector('#tables .rows'); return [r.scrollWidth, r.clientWidth]; })()"))
+
+        # A click on the tree's row leaves it as it is, and all else fades.
+        colourful = lambda: (np.ptp(self.picture().astype(int), axis=2) > 75).sum()
+        before = colourful()
+        self.browser.evaluate("[...document.querySelectorAll('#tables tbody tr')].find((r) => r.cells[0].textContent === '123456').click()")
+        pixels = self.picture().astype(int)
+        green = (pixels[:, :, 1] - pixels[:, :, 0] > 60).sum()
+        pink = (pixels[:, :, 0] - pixels[:, :, 1] > 60).sum()
+        self.assertGreater(green, 200)
+        self.assertLess(pink, green, "the ground has paled")
+        self.browser.evaluate("document.getElementById('fit').click()")
+        self.assertGreater(colourful(), 0.9 * before)
 
     def test_several_tools_are_shown_one_by_one(self):
         points = stored_field.random_points(4000)

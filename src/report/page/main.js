@@ -52,9 +52,10 @@ class Report {
     }
     await this.unpackAll();
     this.painter.upload();
-    const box = this.points.usualBox();
-    this.camera.home = box;
-    this.painter.heights = [box.low[2], box.high[2]];
+    // The top of a tall tree is a small share of a plot.
+    this.camera.home = this.points.usualBox(0.002);
+    const most = this.points.usualBox(0.02);
+    this.painter.heights = [most.low[2], most.high[2]];
     this.resize();
     this.camera.fit();
     this.readAddress();
@@ -192,7 +193,9 @@ class Report {
     this.points.showTool(chosen);
     this.fillColumn();
     this.showHidden();
+    const within = this.painter.within;
     this.select(this.selected);
+    this.painter.within = within;
   }
 
   toggle(reason, alone) {
@@ -210,14 +213,17 @@ class Report {
   }
 
   fit() {
+    this.painter.within = null;
     this.camera.fit();
     this.moved();
   }
 
-  // At the box of a row of a table. "Fit" shows everything again.
+  // At the box of a row of a table; what is outside fades, until something else is chosen. "Fit" shows everything again.
   look({low, high}) {
-    const home = this.camera.home, anchor = this.points.anchor_W;
+    this.select(-1);
+    const home = this.camera.home, anchor = this.points.anchor_W, rim = this.facts.frame.voxel_size_m;
     this.camera.home = {low: subtract(low, anchor), high: subtract(high, anchor)};
+    this.painter.within = {low: this.camera.home.low.map((value) => value - rim), high: this.camera.home.high.map((value) => value + rim)};
     this.camera.fit();
     this.camera.home = home;
     this.moved();
@@ -243,6 +249,7 @@ class Report {
   select(index) {
     this.selected = index;
     this.painter.solids = [];
+    this.painter.within = null;
     this.painter.focus = [0, 0, 0, 0];
     unmark(this.points);
     this.painter.marked = 0;

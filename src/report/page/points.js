@@ -141,8 +141,8 @@ class Points {
     return -1;
   }
 
-  // The box that holds nearly all points: a few far returns must not make the rest small.
-  usualBox() {
+  // The box that holds all points but a share at each end of each axis: a few far returns must not make the rest small.
+  usualBox(share) {
     const low = [0, 0, 0], high = [0, 0, 0];
     if (this.count === 0) return {low: [-1, -1, -1], high: [1, 1, 1]};
     const every = Math.max(1, Math.floor(this.count / 20000));
@@ -150,8 +150,8 @@ class Points {
       const values = [];
       for (let index = 0; index < this.count; index += every) values.push(this.positions[3 * index + axis]);
       values.sort((a, b) => a - b);
-      low[axis] = values[Math.floor(0.02 * (values.length - 1))];
-      high[axis] = values[Math.ceil(0.98 * (values.length - 1))];
+      low[axis] = values[Math.floor(share * (values.length - 1))];
+      high[axis] = values[Math.ceil((1 - share) * (values.length - 1))];
     }
     return {low, high};
   }

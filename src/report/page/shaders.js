@@ -19,6 +19,8 @@ uniform bool only_marked;
 uniform vec3 reasons[9], labels[3], in_tool, background;
 uniform vec2 heights;        // that the colours span
 uniform vec4 focus;          // a place and a radius: what is farther away fades; 0 = nothing fades
+uniform bool boxed;
+uniform vec3 box_low, box_high;  // what is outside fades
 out vec3 colour;
 flat out vec3 normal_V;      // of the disc, towards the viewer
 flat out float away_m, disc_m;
@@ -69,6 +71,7 @@ void main() {
     colour = mix(colour, background, 0.6);
     if (away_m < (to_clip * vec4(focus.xyz, 1.0)).w) gl_PointSize = min(gl_PointSize, 2.0 * scale);  // a haze
   }
+  if (boxed && (any(lessThan(position, box_low)) || any(greaterThan(position, box_high)))) colour = mix(colour, background, 0.75);
   disc_m = disc_radius_m * gl_PointSize / wanted_px;
   // Never quite on edge; and the smaller it looks, the rounder, so that distant surfaces stay closed.
   float tilt = smoothstep(3.0, 12.0, gl_PointSize / scale);

@@ -30,46 +30,55 @@ const REASON_ORDER = ["none", "other", "tool", "arm", "unknown", "unseen", "norm
 const REASON_WORDS = {
   none: {
     name: "Reachable",
+    short: "",  // in tables
     means: "The tool fits here in at least one direction, and the way in was seen to be free.",
     todo: "A candidate. Check the way of the whole machine.",
   },
   tool: {
     name: "Tool collides",
+    short: "tool",
     means: "The tool would touch something, even in the best direction.",
     todo: "Use another tool, or another point.",
   },
   arm: {
     name: "Way in is blocked",
+    short: "way in",
     means: "Something stands in the straight way in.",
     todo: "Use another point. If the obstacle was cut or has moved, make a new map.",
   },
   unknown: {
     name: "Way in was never seen",
+    short: "not seen",
     means: "The straight way in runs through space that no scan has looked at.",
     todo: "Go there and scan.",
   },
   unseen: {
     name: "Seen from other sides only",
+    short: "other side",
     means: "The point was never seen from a side that the tool could come from.",
     todo: "Scan from that side.",
   },
   normal: {
     name: "No direction fits the surface",
+    short: "direction",
     means: "No approach direction comes near enough to the surface's normal, as on level ground.",
     todo: "Not for this tool and these directions.",
   },
   confidence: {
     name: "Seen too rarely",
+    short: "too few",
     means: "Too few measurements to judge.",
     todo: "Scan longer, or from nearer.",
   },
   changed: {
     name: "Has gone",
+    short: "gone",
     means: "What was measured here is no longer there: rays went through it.",
     todo: "Nothing: there is no surface here any more.",
   },
   other: {
     name: "By another tool only",
+    short: "other tool",
     means: "The chosen tool does not reach it, another one of the run does.",
     todo: "Take one that its card names.",
   },
