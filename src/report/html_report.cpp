@@ -178,6 +178,7 @@ class Page {
     Json list = Json::array();
     const double v = folder_.voxel_size_m;
     for (const std::string& attribute : folder_.attributes) {
+      if (!internal::hasRows(attribute)) continue;
       std::vector<const PointRow*> rows;
       for (const PointRow& row : table_.rows) {
         if (row.attribute == attribute) rows.push_back(&row);

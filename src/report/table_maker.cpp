@@ -52,19 +52,23 @@ std::string fixedText(double value, int decimals) {
 
 }  // namespace
 
+bool hasRows(const std::string& attribute) { return attribute != "scan" && attribute != "index"; }
+
 TableMaker::TableMaker(const FieldFolder& folder)
-    : origin_W_(folder.origin_W),
-      voxel_size_m_(folder.voxel_size_m),
-      names_(folder.attributes),
-      tools_(folder.tools),
-      rows_(names_.size()) {
+    : origin_W_(folder.origin_W), voxel_size_m_(folder.voxel_size_m), tools_(folder.tools) {
+  for (std::size_t column = 0; column < folder.attributes.size(); ++column) {
+    if (!hasRows(folder.attributes[column])) continue;
+    names_.push_back(folder.attributes[column]);
+    columns_.push_back(column);
+  }
+  rows_.resize(names_.size());
   whole_.tools.resize(tools_.size());
 }
 
 std::uint64_t TableMaker::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
   const std::uint64_t steps = io::areaOf(point, origin_W_, voxel_size_m_).steps;
   addPoint(point, steps, tools_.size(), whole_);
-  for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, tools_.size(), rows_[c][carried[c]]);
+  for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, tools_.size(), rows_[c][carried[columns_[c]]]);
   return steps;
 }
 

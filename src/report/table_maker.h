@@ -14,6 +14,9 @@
 
 namespace accessvdb::internal {
 
+/// Classes and trees have rows. `scan` and `index` say where a point's return is: they would have one for each point.
+[[nodiscard]] bool hasRows(const std::string& attribute);
+
 class TableMaker {
  public:
   explicit TableMaker(const FieldFolder& folder);
@@ -27,8 +30,9 @@ class TableMaker {
   Eigen::Vector3d origin_W_;
   double voxel_size_m_;
   std::vector<std::string> names_, tools_;
+  std::vector<std::size_t> columns_;  ///< of the names, in what points carry
   io::PointRow whole_;
-  std::vector<std::unordered_map<std::int32_t, io::PointRow>> rows_;  ///< [attributes]
+  std::vector<std::unordered_map<std::int32_t, io::PointRow>> rows_;  ///< [names]
 };
 
 }  // namespace accessvdb::internal

@@ -125,6 +125,18 @@ TEST_F(Table, RowsAreSumsOverThePoints) {
   EXPECT_EQ(facts.at("tables")[0].at("rows_total"), sums["tree_id"].size());
 }
 
+TEST_F(Table, WhereAReturnIsHasNoRows) {
+  succeed(map({"--tiles", "off", "--html"}));
+  succeed(map({"--tiles", "off", "--html", "--index"}, "indexed"));
+  const std::string expected = readText("out/table.csv");
+  EXPECT_EQ(readText("indexed/table.csv"), expected);
+  EXPECT_EQ(cli_test::runProgram({"query", "--map", path("indexed"), "--table", "--quiet"}).out, expected);
+  const std::string page = readText("indexed/report.html");
+  EXPECT_NE(page.find("\"attribute\":\"tree_id\""), std::string::npos);
+  EXPECT_EQ(page.find("\"attribute\":\"index\""), std::string::npos);
+  EXPECT_EQ(page.find("\"attribute\":\"scan\""), std::string::npos);
+}
+
 TEST_F(Table, TilesAndAStopGiveTheSameBytes) {
   succeed(map({"--tiles", "off", "--threads", "1"}, "straight"));
   succeed(map({"--tiles", "6.4"}));
