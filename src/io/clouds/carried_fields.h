@@ -84,6 +84,7 @@ class CarriedFields {
   std::vector<std::string> wanted_;
   std::vector<RecordField> fields_;                ///< [wanted]
   std::vector<std::optional<std::size_t>> index_;  ///< [wanted] into `all`
+  std::vector<char> is_int32_;                     ///< [wanted] stored as the number that it is
   std::string subject_, present_;
   std::int32_t scan_ = 0;
 };
