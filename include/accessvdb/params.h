@@ -135,7 +135,7 @@ struct ACCESSVDB_API FieldParams {
   /// depend on the whole map.
   std::optional<FieldWindow> window = std::nullopt;
   /// What returns carry to the points (attributes.h); the files have a column of each. A point takes 4 bytes of each,
-  /// and 12 for each value that its returns do not agree on. Names have up to 31 letters, digits, _ . or -, begin with
+  /// and 12 for each value that its returns do not agree on. Names have up to 31 letters, digits or _, begin with
   /// a letter or _, and are none of ours.
   std::vector<CarriedAttribute> carry = {};
 

@@ -17,12 +17,12 @@ namespace accessvdb {
 namespace {
 
 /// Columns of our files, and those of their readers that mean something else.
-constexpr std::array<std::string_view, 45> kOurs = {
+constexpr std::array<std::string_view, 47> kOurs = {
     "x",      "y",     "z",           "nx",        "ny",   "nz",    "red",        "green",        "blue",     "label",
     "reason", "score", "confidence",  "stability", "dx",   "dy",    "dz",         "yaw",          "qw",       "qx",
     "qy",     "qz",    "orientation", "roll",      "tool", "tools", "margin_m",   "free_arc_deg", "id",       "p",
     "n",      "cd",    "pscale",      "direction", "scan", "index", "accessible", "blocked",      "unscored", "alpha",
-    "group",  "point", "tile",        "fid",       "geom"};
+    "group",  "point", "tile",        "fid",       "geom", "all",   "position"};
 constexpr std::size_t kLongestColumn = 31;  // and a byte for the end, as LAS has it
 constexpr std::size_t kMostCarried = 26;    // 24 and --index
 
@@ -35,7 +35,7 @@ std::string lower(std::string_view text) {
 
 bool isName(std::string_view name) {
   const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
-  const auto good = [&](char c) { return letter(c) || (c >= '0' && c <= '9') || c == '.' || c == '-'; };
+  const auto good = [&](char c) { return letter(c) || (c >= '0' && c <= '9'); };  // as OpenVDB has it
   return !name.empty() && name.size() <= kLongestColumn && letter(name.front()) &&
          std::all_of(name.begin(), name.end(), good);
 }
@@ -88,7 +88,7 @@ void internal::requireCarry(const std::vector<CarriedAttribute>& carry) {
     if (attribute.keep == Keep::First && (name == "scan" || name == "index")) continue;
     if (!isName(attribute.name)) {
       throw InvalidArgument("carry.name", "carry \"" + attribute.name.substr(0, 64) + "\"",
-                            "is no name of a column: up to 31 letters, digits, _ . or -, first a letter or _",
+                            "is no name of a column: up to 31 letters, digits or _, first a letter or _",
                             "Give the column another name: NAME=OTHER");
     }
     if (std::find(kOurs.begin(), kOurs.end(), name) != kOurs.end()) {

@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/field_folder.h"
 
+#include <sstream>
+
 #include "accessvdb/error.h"
 #include "accessvdb/output_check.h"
 #include "accessvdb/tiles.h"
@@ -14,6 +16,14 @@ constexpr const char* kPointsFile = "points.ply";
 [[noreturn]] void failDamaged(const std::filesystem::path& file) {
   throw InputError("tile.damaged", file.string(), "is not as it was written",
                    "Delete its folder and run accessvdb tile run again");
+}
+
+/// Of several tools; points then say which of them reach them.
+std::vector<std::string> toolsOf(const FieldFolder& folder) {
+  std::vector<std::string> names;
+  std::istringstream list(folder.metadataOf("tools"));
+  for (std::string name; std::getline(list, name, ',');) names.push_back(name);
+  return names;
 }
 
 /// Thrown to leave io::visitPoints early.
@@ -33,6 +43,7 @@ FieldFolder FieldFolder::open(const std::filesystem::path& path, io::OutputCheck
     folder.voxel_size_m = header.voxel_size_m;
     folder.metadata = header.metadata;
     folder.attributes = header.attributes;
+    folder.tools = toolsOf(folder);
     return folder;
   }
   const tiles::Index index = tiles::readIndex(path, check);
@@ -52,6 +63,7 @@ FieldFolder FieldFolder::open(const std::filesystem::path& path, io::OutputCheck
     folder.files.push_back(file);
     folder.points += tile.points;
   }
+  folder.tools = toolsOf(folder);
   return folder;
 }
 

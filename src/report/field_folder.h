@@ -31,6 +31,7 @@ struct FieldFolder {
   double voxel_size_m = 0;
   io::FieldMetadata metadata;           ///< of the first file
   std::vector<std::string> attributes;  ///< names of what the returns carried
+  std::vector<std::string> tools;       ///< names of several tools, in their order; with one tool empty
   bool complete = true;                 ///< every tile is finished
 
   /// Reads headers only. @param check  begins with the files  @throws InputError

@@ -63,6 +63,13 @@ class Page {
     }
     if (!folder_.complete) warn("field.unfinished", "not all tiles of the map are finished");
     if (folder_.points == 0) warn("field.empty", "the field holds no surface points");
+    const std::size_t tools = std::max<std::size_t>(folder_.tools.size(), 1);
+    if (!options.tools.empty() && options.tools.size() != tools) {
+      throw InvalidArgument(
+          "report.tools", "tools",
+          "are " + std::to_string(options.tools.size()) + ", and those of the field are " + std::to_string(tools),
+          "Give one for each tool of the field, in its order, or none");
+    }
     result_.cell_m = internal::thinningCell_m(folder_, options.most_points);
   }
 
@@ -106,11 +113,12 @@ class Page {
 
   void writePoints(std::ostream& out) {
     internal::VoxelThinning thinning(folder_.origin_W, result_.cell_m);
-    internal::PointPacker packer(folder_.origin_W, step_m(), [&](const internal::PackedBlock& block) {
-      out << "<script type=\"text/plain\" class=\"points\">" << block.base64 << "</script>\n";
-      blocks_.push_back({{"tile", block.tile}, {"points", block.points}, {"base", block.base}});
-    });
-    internal::TableMaker table(folder_.origin_W, folder_.voxel_size_m, folder_.attributes);
+    internal::PointPacker packer(
+        folder_.origin_W, step_m(), !folder_.tools.empty(), [&](const internal::PackedBlock& block) {
+          out << "<script type=\"text/plain\" class=\"points\">" << block.base64 << "</script>\n";
+          blocks_.push_back({{"tile", block.tile}, {"points", block.points}, {"base", block.base}});
+        });
+    internal::TableMaker table(folder_);
     folder_.visit(
         [&](const internal::PointFile& file, const SurfacePoint& point, std::span<const std::int32_t> carried) {
           ClassCount& count = classes_[static_cast<std::size_t>(point.label)][static_cast<std::size_t>(point.reason)];
@@ -137,6 +145,15 @@ class Page {
 
   [[nodiscard]] double step_m() const { return folder_.voxel_size_m / kStepsPerVoxel; }
 
+  /// What each of several tools reaches of a row.
+  Json reached(const PointRow& row) const {
+    Json list = Json::array();
+    for (const ReachedByTool& tool : row.tools) {
+      list.push_back({{"points", tool.points}, {"area_m2", tool.area.m2(folder_.voxel_size_m)}});
+    }
+    return list;
+  }
+
   Json classes() const {
     Json list = Json::array();
     for (int label = 0; label < kNumPointLabels; ++label) {
@@ -148,6 +165,9 @@ class Page {
                         {"points", count.points},
                         {"drawn", count.drawn},
                         {"area_m2", count.area.m2(folder_.voxel_size_m)}});
+        // Points that a tool reaches are accessible, all of them.
+        if (static_cast<PointLabel>(label) == PointLabel::Accessible && !folder_.tools.empty())
+          list.back()["tools"] = reached(table_.rows.front());
       }
     }
     return list;
@@ -158,6 +178,7 @@ class Page {
     Json list = Json::array();
     const double v = folder_.voxel_size_m;
     for (const std::string& attribute : folder_.attributes) {
+      if (!internal::hasRows(attribute)) continue;
       std::vector<const PointRow*> rows;
       for (const PointRow& row : table_.rows) {
         if (row.attribute == attribute) rows.push_back(&row);
@@ -179,32 +200,42 @@ class Page {
                          {"reasons_m2", areas},
                          {"low", jsonVector(row->box_W.min())},
                          {"high", jsonVector(row->box_W.max())}});
+        if (!folder_.tools.empty()) lines.back()["tools"] = reached(*row);
       }
       list.push_back({{"attribute", attribute}, {"rows", lines}, {"rows_total", all}});
     }
     return list;
   }
 
-  /// Holds the tool against the one of the run.
-  std::string toolDifference() {
-    const std::string wanted = folder_.metadataOf("tool_sha256");
+  /// Holds a tool against the one of the run.
+  std::string toolDifference(std::size_t k) {
+    const DrawnTool& tool = options_.tools[k];
+    const std::string wanted = folder_.metadataOf(ofTool(k) + "sha256");
     if (wanted.empty()) return "The field does not say which tool it was made for.";
-    if (wanted == options_.tool->sha256()) return {};
-    const bool same_file = !options_.tool_file.empty() && !run_.tool_file_sha256.empty() &&
-                           sha256OfFile(options_.tool_file) == run_.tool_file_sha256;
+    if (wanted == tool.geometry->sha256()) return {};
+    const auto of_run = k < run_.tool_files.size() ? run_.sha256_of.find(run_.tool_files[k]) : run_.sha256_of.end();
+    const bool same_file = !tool.file.empty() && of_run != run_.sha256_of.end() && !of_run->second.empty() &&
+                           sha256OfFile(tool.file) == of_run->second;
     const std::string text =
         same_file ? "This is the file of the run's tool, but with another unit, tip, axis or up than there."
                   : "This is not the tool of the run: its SHA-256 differs.";
-    warn("report.tool", text + " Labels and directions are those of the run's tool.");
+    warn("report.tool", (folder_.tools.empty() ? "" : "Tool " + folder_.tools[k] + ": ") + text +
+                            " Labels and directions are those of the run's tool.");
     return text;
   }
 
-  Json tool() {
-    if (options_.tool == nullptr) return nullptr;
-    const ToolGeometry& tool = *options_.tool;
+  /// How keys of the metadata about a tool begin.
+  [[nodiscard]] std::string ofTool(std::size_t k) const {
+    return folder_.tools.empty() ? "tool_" : "tool_" + folder_.tools[k] + "_";
+  }
+
+  /// The k-th tool as it is drawn; null if it is not.
+  Json drawn(std::size_t k) {
+    if (k >= options_.tools.size() || options_.tools[k].geometry == nullptr) return nullptr;
+    const ToolGeometry& tool = *options_.tools[k].geometry;
     const Eigen::Vector3d size_m = (tool.max_T() - tool.min_T()).cast<double>();
     Json json = {{"name", tool.name()},       {"sha256", tool.sha256()},         {"size_m", jsonVector(size_m)},
-                 {"reach_m", tool.reach_m()}, {"watertight", tool.watertight()}, {"difference", toolDifference()}};
+                 {"reach_m", tool.reach_m()}, {"watertight", tool.watertight()}, {"difference", toolDifference(k)}};
     json.update(
         internal::drawTool(tool, {folder_.voxel_size_m, numberOr(folder_.metadataOf("self_exclusion_voxels"), 3.0)}));
     return json;
@@ -240,7 +271,9 @@ class Page {
         {"metadata", metadata},
         {"run", run_.shown},
         {"hashes", hashes()},
-        {"tool", tool()}};
+        {"tool", folder_.tools.empty() ? drawn(0) : Json(nullptr)}};
+    for (std::size_t k = 0; k < folder_.tools.size(); ++k)
+      json["tools"].push_back({{"name", folder_.tools[k]}, {"drawn", drawn(k)}});
     if (!ups_.empty()) json["ups"] = ups_;
     if (!folder_.attributes.empty()) json["tables"] = tables();
     for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"title", options_.title},

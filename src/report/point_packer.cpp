@@ -13,7 +13,8 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr int kIdPlane = 0, kPositionPlane = 4, kStatePlane = 16, kDirectionPlane = 17, kScorePlane = 19,
-              kConfidencePlane = 21, kNormalPlane = 22, kPlanes = 23;
+              kConfidencePlane = 21, kNormalPlane = 22, kToolPlane = 23, kToolsPlane = 24, kPlanes = 23,
+              kPlanesOfSeveral = 28;
 constexpr double kMostSteps = 1 << 30;
 constexpr std::size_t kMostDirections = kNoDirection;
 constexpr int kNormalCells = 15;
@@ -45,8 +46,12 @@ std::uint8_t octahedralByte(const Eigen::Vector3f& normal) {
   return static_cast<std::uint8_t>(kNormalCells * cell(uv.y()) + cell(uv.x()));
 }
 
-PointPacker::PointPacker(const Eigen::Vector3d& origin_W, double step_m, std::function<void(PackedBlock)> write)
-    : origin_W_(origin_W), step_m_(step_m), write_(std::move(write)), planes_(kPlanes) {
+PointPacker::PointPacker(const Eigen::Vector3d& origin_W, double step_m, bool several_tools,
+                         std::function<void(PackedBlock)> write)
+    : origin_W_(origin_W),
+      step_m_(step_m),
+      write_(std::move(write)),
+      planes_(static_cast<std::size_t>(several_tools ? kPlanesOfSeveral : kPlanes)) {
   for (std::string& plane : planes_) plane.reserve(kPointsPerBlock);
 }
 
@@ -103,12 +108,15 @@ void PointPacker::add(const std::string& tile, const SurfacePoint& point) {
   put(planes_, kConfidencePlane, 1,
       static_cast<std::uint64_t>(std::lround(255 * std::clamp(point.confidence, 0.0f, 1.0f))));
   put(planes_, kNormalPlane, 1, octahedralByte(point.normal_W));
+  if (planes_.size() == kPlanes) return;
+  put(planes_, kToolPlane, 1, point.tool);
+  put(planes_, kToolsPlane, 4, point.tools);
 }
 
 void PointPacker::finish() {
   if (block_.points == 0) return;
   std::string columns;
-  columns.reserve(kPlanes * block_.points);
+  columns.reserve(planes_.size() * block_.points);
   for (std::string& plane : planes_) {
     columns += plane;
     plane.clear();

@@ -12,6 +12,9 @@
 ///   confidence  1 plane: 255 is 1
 ///   normal      1 plane: the octahedron unfolded onto a square of 15 x 15 cells, 15 v + u; 255 = none.
 ///                       That is within 18 degrees, and for shading only
+/// and with several tools
+///   tool        1 plane: index of the one that stands for the point
+///   tools       4 planes: bit k is set if tool k reaches it
 #pragma once
 
 #include <Eigen/Core>
@@ -38,8 +41,10 @@ class PointPacker {
   static constexpr std::size_t kPointsPerBlock = 1 << 16;
 
   /// @param step_m  positions are rounded to multiples of it
+  /// @param several_tools  the field has more than one
   /// @param write   called for each block when it is complete
-  PointPacker(const Eigen::Vector3d& origin_W, double step_m, std::function<void(PackedBlock)> write);
+  PointPacker(const Eigen::Vector3d& origin_W, double step_m, bool several_tools,
+              std::function<void(PackedBlock)> write);
 
   /// Points of a tile come one after the other, with rising ids.
   /// @throws InputError for a position that is more than 2^30 steps away, or too many directions

@@ -81,12 +81,16 @@ RunRecord RunRecord::read(const std::filesystem::path& folder) {
   shown["notices"] = texts(entry(json, "notices"));
   shown["error"] = scalars(entry(json, "error"));
 
-  const std::string tool = textOf(entry(entry(json, "parameters"), "tool"));
+  const Json& tools = entry(json, "tools");
+  for (const Json& tool : tools.is_array() ? tools : Json::array()) {
+    record.tool_files.push_back(textOf(entry(tool, "tool")));
+  }
+  if (record.tool_files.empty()) record.tool_files = {textOf(entry(entry(json, "parameters"), "tool"))};
   const Json& inputs = entry(json, "inputs");
   Json listed = Json::array();
   for (const Json& input : inputs.is_array() ? inputs : Json::array()) {
     const std::string file = textOf(entry(input, "path")), sha256 = textOf(entry(input, "sha256"));
-    if (!tool.empty() && file == tool) record.tool_file_sha256 = sha256;
+    record.sha256_of[file] = sha256;
     if (listed.size() < kMostInputs) listed.push_back({{"path", file}, {"sha256", sha256}});
   }
   shown["inputs"] = listed;

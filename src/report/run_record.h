@@ -6,16 +6,19 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace accessvdb::internal {
 
 struct RunRecord {
   nlohmann::ordered_json shown;  ///< an object; null without a report.json
   std::optional<std::uint64_t> surface_points;
-  std::string tool_file_sha256;  ///< of the tool's file, if it was read from one
+  std::map<std::string, std::string> sha256_of;  ///< of each input, by its path
+  std::vector<std::string> tool_files;           ///< each tool's, in their order; "builtin:..." is none
 
   /// @throws InputError "input.report" for what is not JSON
   static RunRecord read(const std::filesystem::path& folder);

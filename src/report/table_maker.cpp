@@ -20,7 +20,8 @@ constexpr double kFine_m = 0.01;
 int decimalsOf(double voxel_size_m) { return voxel_size_m < kFine_m ? 12 : 9; }
 double stepsPer_m2(double voxel_size_m) { return voxel_size_m < kFine_m ? 1e12 : 1e9; }
 
-void addPoint(const SurfacePoint& point, std::uint64_t steps, io::PointRow& row) {
+/// @param tools  number of several; 0 with one tool
+void addPoint(const SurfacePoint& point, std::uint64_t steps, std::size_t tools, io::PointRow& row) {
   ++row.points[static_cast<std::size_t>(point.label)];
   row.area[static_cast<std::size_t>(point.reason)].steps += steps;
   if (point.label == PointLabel::Unscored) row.unscored.steps += steps;
@@ -29,6 +30,12 @@ void addPoint(const SurfacePoint& point, std::uint64_t steps, io::PointRow& row)
     ++row.scored;
   }
   row.box_W.extend(point.position_W);
+  row.tools.resize(tools);
+  for (std::size_t k = 0; k < tools; ++k) {
+    if ((point.tools >> k & 1) == 0) continue;
+    ++row.tools[k].points;
+    row.tools[k].area.steps += steps;
+  }
 }
 
 /// Shortest text that reads back as the same number.
@@ -45,18 +52,28 @@ std::string fixedText(double value, int decimals) {
 
 }  // namespace
 
-TableMaker::TableMaker(const Eigen::Vector3d& origin_W, double voxel_size_m, std::vector<std::string> attributes)
-    : origin_W_(origin_W), voxel_size_m_(voxel_size_m), names_(std::move(attributes)), rows_(names_.size()) {}
+bool hasRows(const std::string& attribute) { return attribute != "scan" && attribute != "index"; }
+
+TableMaker::TableMaker(const FieldFolder& folder)
+    : origin_W_(folder.origin_W), voxel_size_m_(folder.voxel_size_m), tools_(folder.tools) {
+  for (std::size_t column = 0; column < folder.attributes.size(); ++column) {
+    if (!hasRows(folder.attributes[column])) continue;
+    names_.push_back(folder.attributes[column]);
+    columns_.push_back(column);
+  }
+  rows_.resize(names_.size());
+  whole_.tools.resize(tools_.size());
+}
 
 std::uint64_t TableMaker::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
   const std::uint64_t steps = io::areaOf(point, origin_W_, voxel_size_m_).steps;
-  addPoint(point, steps, whole_);
-  for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, rows_[c][carried[c]]);
+  addPoint(point, steps, tools_.size(), whole_);
+  for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, tools_.size(), rows_[c][carried[columns_[c]]]);
   return steps;
 }
 
 io::PointTable TableMaker::finish() const {
-  io::PointTable table = {voxel_size_m_, {whole_}};
+  io::PointTable table = {voxel_size_m_, tools_, {whole_}};
   for (std::size_t c = 0; c < rows_.size(); ++c) {
     std::vector<std::int32_t> ids;
     for (const auto& [id, row] : rows_[c]) ids.push_back(id);
@@ -110,7 +127,7 @@ ExactArea PointRow::allArea() const {
 PointTable pointTable(const std::filesystem::path& path, OutputCheck& check) {
   return readChecked(check, [&] {
     const internal::FieldFolder folder = internal::FieldFolder::open(path, check);
-    internal::TableMaker maker(folder.origin_W, folder.voxel_size_m, folder.attributes);
+    internal::TableMaker maker(folder);
     folder.visit([&](const internal::PointFile&, const SurfacePoint& point, std::span<const std::int32_t> carried) {
       maker.add(point, carried);
       return true;
@@ -124,7 +141,9 @@ std::string csvOf(const PointTable& table) {
   std::string text = kTableBegin;
   text += "blocked_m2,unscored_m2";
   for (int n = 1; n < kNumPointReasons; ++n) text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
-  text += ",mean_score,min_x,min_y,min_z,max_x,max_y,max_z,height_m,extent_m\n";
+  text += ",mean_score,min_x,min_y,min_z,max_x,max_y,max_z,height_m,extent_m";
+  for (const std::string& tool : table.tools) text.append(",accessible_").append(tool).append("_m2");
+  text += "\n";
   const auto put = [&text](const std::string& cell) { text.append(",").append(cell); };
   for (const PointRow& row : table.rows) {
     const ExactArea all = row.allArea(), accessible = row.area[static_cast<std::size_t>(PointReason::None)];
@@ -147,6 +166,7 @@ std::string csvOf(const PointTable& table) {
     const Eigen::Vector3d size_m = empty ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(row.box_W.sizes());
     put(internal::fixedText(size_m.z(), 3));
     put(internal::fixedText(size_m.head<2>().maxCoeff(), 3));
+    for (const ReachedByTool& tool : row.tools) put(tool.area.text(v));
     text += "\n";
   }
   return text;

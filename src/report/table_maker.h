@@ -10,13 +10,16 @@
 #include <vector>
 
 #include "accessvdb/program/point_table.h"
+#include "report/field_folder.h"
 
 namespace accessvdb::internal {
 
+/// Classes and trees have rows. `scan` and `index` say where a point's return is: they would have one for each point.
+[[nodiscard]] bool hasRows(const std::string& attribute);
+
 class TableMaker {
  public:
-  /// @param origin_W  of the map  @param attributes  names of what points carry
-  TableMaker(const Eigen::Vector3d& origin_W, double voxel_size_m, std::vector<std::string> attributes);
+  explicit TableMaker(const FieldFolder& folder);
 
   /// @param carried  [attributes]
   /// @return the steps of ExactArea that the point stands for
@@ -26,9 +29,10 @@ class TableMaker {
  private:
   Eigen::Vector3d origin_W_;
   double voxel_size_m_;
-  std::vector<std::string> names_;
+  std::vector<std::string> names_, tools_;
+  std::vector<std::size_t> columns_;  ///< of the names, in what points carry
   io::PointRow whole_;
-  std::vector<std::unordered_map<std::int32_t, io::PointRow>> rows_;  ///< [attributes]
+  std::vector<std::unordered_map<std::int32_t, io::PointRow>> rows_;  ///< [names]
 };
 
 }  // namespace accessvdb::internal

@@ -9,7 +9,7 @@
 namespace accessvdb::internal {
 
 std::size_t VoxelThinning::CellHash::operator()(const Cell& cell) const noexcept {
-  std::uint64_t hash = static_cast<std::uint64_t>(cell.reason);
+  std::uint64_t hash = static_cast<std::uint64_t>(cell.reason) + (std::uint64_t{cell.tools} << 8);
   for (const double index : cell.ijk) {
     // Constants of the finaliser of SplitMix64.
     hash = (hash ^ std::bit_cast<std::uint64_t>(index)) * 0xbf58476d1ce4e5b9u;
@@ -20,7 +20,7 @@ std::size_t VoxelThinning::CellHash::operator()(const Cell& cell) const noexcept
 
 bool VoxelThinning::keep(const SurfacePoint& point) {
   if (cell_m_ > 0) {
-    Cell cell = {{}, point.reason};
+    Cell cell = {{}, point.reason, point.tools};
     for (int axis = 0; axis < 3; ++axis) {
       // + 0.0 turns -0 into 0, which hashes alike.
       cell.ijk[static_cast<std::size_t>(axis)] = std::floor((point.position_W[axis] - origin_W_[axis]) / cell_m_) + 0.0;

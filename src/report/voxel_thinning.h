@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Fewer points where there are too many to draw: one per cell of a grid and reason, so that no reason vanishes behind
-/// another one.
+/// another one; of several tools one per set of those that reach it, too.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@ class VoxelThinning {
   /// @param cell_m  edge of a cell; 0 keeps every point
   VoxelThinning(const Eigen::Vector3d& origin_W, double cell_m) : origin_W_(origin_W), cell_m_(cell_m) {}
 
-  /// Whether the point is the first one of its cell and reason.
+  /// Whether the point is the first one of its cell, reason and tools.
   bool keep(const SurfacePoint& point);
   [[nodiscard]] std::uint64_t kept() const { return kept_; }
 
@@ -25,6 +25,7 @@ class VoxelThinning {
   struct Cell {
     std::array<double, 3> ijk;  ///< whole numbers; positions may be far beyond what an int32 can count
     PointReason reason;
+    std::uint32_t tools;
     bool operator==(const Cell&) const = default;
   };
   struct CellHash {

@@ -94,6 +94,15 @@ TEST_F(SeveralToolsInTheProgram, OneLeavesNoTrace) {
   EXPECT_FALSE(json::parse(readText("out/report.json")).contains("tools"));
 }
 
+TEST_F(SeveralToolsInTheProgram, TheOneThatIsMostlyHiddenIsNamed) {
+  Flags arguments = mapWith(with(three_, {"--allow-hidden-tool"}));
+  *(std::find(arguments.begin(), arguments.end(), "--voxel") + 1) = "0.05";
+  const ProgramResult result = runProgram(arguments);
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.err.find("warning[tool.hidden] tool thin: "), std::string::npos) << result.err;
+  EXPECT_EQ(result.err.find("warning[tool.hidden] tool arm: "), std::string::npos) << result.err;
+}
+
 TEST_F(SeveralToolsInTheProgram, ComeFromAFileOfSettings) {
   const ProgramResult config = runProgram(mapWith(with(three_, {"--print-config"})));
   ASSERT_EQ(config.exit_code, 0) << config.err;

@@ -5,6 +5,7 @@
     report_page_test.py ACCESSVDB ACCESSVDB_LAB CHROMIUM      exit code 77 (skipped) without Chromium or NumPy
 """
 
+import base64
 import json
 import pathlib
 import re
@@ -119,6 +120,160 @@ class ReportPage(unittest.TestCase):
         self.assertEqual(self.browser.evaluate(
             "document.querySelectorAll('#tables tbody tr')[2].getAttribute('aria-selected')"), "true")
         self.assert_silent()
+
+    def picture(self):
+        """Pixels of the picture that print would show, as rows of red, green, blue."""
+        data = self.browser.evaluate("""(async () => {
+            window.dispatchEvent(new Event('beforeprint'));
+            const picture = document.getElementById('print-picture');
+            await picture.decode();
+            window.dispatchEvent(new Event('afterprint'));
+            const canvas = document.createElement('canvas'), {naturalWidth: w, naturalHeight: h} = picture;
+            [canvas.width, canvas.height] = [w, h];
+            const context = canvas.getContext('2d');
+            context.drawImage(picture, 0, 0);
+            const {data} = context.getImageData(0, 0, w, h);
+            let text = '';
+            for (let n = 0; n < data.length; n += 4) text += String.fromCharCode(data[n], data[n + 1], data[n + 2]);
+            return [w, h, btoa(text)];
+        })()""")
+        return np.frombuffer(base64.b64decode(data[2]), np.uint8).reshape(data[1], data[0], 3)
+
+    def test_a_plot_with_trees_is_in_the_picture_and_its_table_in_the_column(self):
+        # A wide ground and a thin tall tree, which has one point in a hundred.
+        points = stored_field.random_points(20_000, size_m=1.0)
+        points["position"][:, :2] *= 24
+        points["position"][:, 2] *= 0.1
+        tree = np.zeros(len(points), int)
+        tree[:200] = 123456
+        points["position"][:200] = np.column_stack([np.full(200, 12.0), np.full(200, 8.0), np.linspace(0, 20, 200)])
+        points["label"], points["reason"], points["score"] = 1, 0, 0
+        points["label"][200:], points["reason"][200:] = 2, 2
+        folder = stored_field.write_field(self.root / "plot", points, carried={"classification": tree})
+        self.show(self.make(folder))
+        view = "Object.fromEntries([...document.querySelectorAll('#view')].map((c) => ['size', [c.clientWidth, c.clientHeight]]))"
+        width, height = self.browser.evaluate(view)["size"]
+        self.browser.wait_for("location.hash.includes('view=')")
+        x, y, z, distance, azimuth, elevation = (
+            float(each) for each in re.search(r"view=([^&]*)", self.browser.evaluate("location.hash"))[1].split(","))
+        a, e = np.radians([azimuth, elevation])
+        back = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+        right = np.array([-np.sin(a), np.cos(a), 0])
+        from_eye = points["position"] - (np.array([x, y, z]) + distance * back)
+        depth = from_eye @ -back
+        up = np.tan(np.radians(20))  # half of the field of view
+        inside = (np.abs(from_eye @ right) <= depth * up * width / height) & \
+                 (np.abs(from_eye @ np.cross(back, right)) <= depth * up)
+        self.assertGreater(inside.mean(), 0.99)  # a far return may be outside
+        self.assertGreater(inside[:200].mean(), 0.95, "the top of the tree")
+        self.assertLessEqual(*self.browser.evaluate(
+            "(() => { const r = document.querySelector('#tables .rows'); return [r.scrollWidth, r.clientWidth]; })()"))
+
+        # A click on the tree's row leaves it as it is, and all else fades.
+        colourful = lambda: (np.ptp(self.picture().astype(int), axis=2) > 75).sum()
+        before = colourful()
+        self.browser.evaluate("[...document.querySelectorAll('#tables tbody tr')].find((r) => r.cells[0].textContent === '123456').click()")
+        pixels = self.picture().astype(int)
+        green = (pixels[:, :, 1] - pixels[:, :, 0] > 60).sum()
+        pink = (pixels[:, :, 0] - pixels[:, :, 1] > 60).sum()
+        self.assertGreater(green, 200)
+        self.assertLess(pink, green, "the ground has paled")
+        self.browser.evaluate("document.getElementById('fit').click()")
+        self.assertGreater(colourful(), 0.9 * before)
+
+    def test_several_tools_are_shown_one_by_one(self):
+        points = stored_field.random_points(4000)
+        names = ["arm", "pencil", "boom"]
+        random = np.random.default_rng(5)
+        accessible = points["label"] == 1
+        stands_for = random.integers(0, 3, len(points))
+        reached = np.where(accessible, random.integers(0, 8, len(points)) | 1 << stands_for, 0)
+        tree = np.floor(points["position"][:, 0]).astype(int)
+        chosen = np.flatnonzero(accessible & (stands_for == 0) & (reached == 3))[0]  # arm and pencil, the arm's way in
+        points["position"][chosen, 2] = 5
+        run_tools = [{"name": name, "tool": f"builtin:{'pruner' if name == 'arm' else 'pencil'}"} for name in names]
+        run_tools[2]["tool"] = "boom.stl"
+        folder = stored_field.write_field(self.root / "tools", points, carried={"tree_id": tree},
+                                          tools=(names, stands_for, reached), report={"tools": run_tools})
+        html = self.make(folder)
+        self.assertEqual(self.show(html), 4000)
+        self.assertEqual([bool(each["drawn"]) for each in self.facts()["tools"]], [True, True, False])
+        text = lambda query: self.browser.evaluate(f"document.querySelector('{query}').textContent").replace("\u202f", "")
+        rows = lambda: self.browser.evaluate(
+            "[...document.querySelectorAll('#tables tbody tr')].map((r) => [...r.cells].map((c) => c.textContent))")
+        table = [line.split(",") for line in run("query", "--map", folder, "--table", "--quiet").stdout.splitlines()]
+        self.assertEqual(table[0][-3:], [f"accessible_{name}_m2" for name in names])
+
+        def expect(name):
+            own = accessible if name is None else (reached >> names.index(name) & 1) == 1
+            # Shares have one decimal.
+            self.assertAlmostEqual(float(re.match(r"[\d.]+", text("#headline"))[0]), 100 * own.mean(), delta=0.051)
+            # Those with a row of their own, in colour and in the list.
+            counted = self.browser.evaluate("Object.fromEntries([...document.querySelectorAll('.chip')].map((c) =>"
+                                            " [c.dataset.reason, c.querySelector('.count').textContent.split(' · ')[0]]))")
+            counted = {reason: int(n.replace("\u202f", "")) for reason, n in counted.items()}
+            self.assertEqual(counted["none"], own.sum())
+            self.assertEqual(counted.get("other", 0), (accessible & ~own).sum())
+            self.assertEqual(counted["tool"], (points["reason"] == 6).sum())
+            self.assertEqual(sum(counted.values()), 4000)
+            column = table[0].index(f"accessible_{name}_m2" if name else "accessible_m2")
+            for line in rows():
+                csv = next(each for each in table if each[:2] == ["tree_id", line[0]])
+                share = 100 * float(csv[column]) / float(csv[3])
+                self.assertAlmostEqual(float(line[3].split("\u202f")[0]), share, delta=0.051)
+
+        expect(None)
+        shares = {text(f"#tool-choice option:nth-child({n})").split(": ")[0] for n in (1, 2, 3, 4)}
+        self.assertEqual(shares, {"any of them", *names})
+        picked = "(k) => { const c = document.getElementById('tool-choice'); c.value = k; c.dispatchEvent(new Event('change')); }"
+        self.browser.evaluate("document.querySelectorAll('#tables thead button')[1].click()")
+        order = [row[0] for row in rows()]
+        for k, name in enumerate(names):
+            self.browser.evaluate(f"({picked})({k})")
+            expect(name)
+            self.browser.wait_for(f"location.hash.includes('tool={name}')")
+            self.assertEqual([row[0] for row in rows()], order, "still sorted by the same column")
+        self.browser.evaluate(f"({picked})(-1)")
+        expect(None)
+        self.assert_silent()
+
+        # In place: the tool that stands for the point, for any tool and for itself.
+        for name, words in ((None, "builtin:pruner in place"), ("arm", "builtin:pruner in place"),
+                            ("pencil", "pencil reaches the point, too"), ("boom", "Choose arm, pencil above")):
+            card = self.click_at(html, points["position"][chosen], f"&tool={name}" if name else "")
+            self.assertEqual(int(card["id"]), chosen)
+            self.assertIn(words, card["text"])
+            self.assertIn("arm, pencil", card["text"])
+            self.assertEqual("By another tool only" in card["text"], name == "boom")
+        # A link with a point of another tool's, or a tool that is none.
+        self.show(html, "#tool=nothing")
+        expect(None)
+
+        # Too many points: those that differ in their tools alone are all there.
+        thinned = self.root / "tools_thinned.html"
+        self.assertEqual(run("report", "--map", folder, "--out", thinned, "--max-points", 2000).returncode, 0)
+        drawn = self.show(thinned)
+        cells = np.column_stack([np.floor(points["position"] / self.facts()["points"]["cell_m"]).astype(int),
+                                 points["reason"], reached])
+        self.assertEqual(drawn, len(np.unique(cells, axis=0)))
+
+    def test_tools_are_those_of_the_map(self):
+        points = stored_field.random_points(100)
+        points["label"], points["reason"] = 2, 6
+        one = stored_field.write_field(self.root / "of_one", points)
+        two = stored_field.write_field(self.root / "of_two", points, tools=(["a", "b"], 0, 0),
+                                       report={"tools": [{"name": "a", "tool": "a.stl"}, {"name": "b", "tool": "b.stl"}]})
+        for folder, tools, code in ((one, ["builtin:pencil"] * 2, 2), (two, ["builtin:pencil"], 2),
+                                    (two, ["builtin:pencil", "-"], 0), (two, ["builtin:pencil"] * 2, 0), (two, [], 0)):
+            flags = [flag for tool in tools for flag in ("--tool", tool)]
+            result = run("report", "--map", folder, "--out", self.root / "tools_given.html", *flags)
+            self.assertEqual(result.returncode, code, result.stderr)
+            if code == 2:
+                self.assertIn("error[usage.tool]", result.stderr)
+        (two / "report.json").unlink()  # which would say that there are two
+        result = run("report", "--map", two, "--out", self.root / "tools_given.html", "--tool", "builtin:pencil")
+        self.assertEqual(result.returncode, 2, result.stderr)
+        self.assertEqual(self.show(self.make(two)), 100)
 
     def test_title_client_and_site(self):
         folder = stored_field.write_field(self.root / "for_client", stored_field.random_points(1000))

@@ -47,11 +47,16 @@ def random_points(count, seed=1, size_m=4.0):
     return points
 
 
-def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, carried=None):
+def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, carried=None, tools=None):
     """A folder as `map` leaves it. @param report  changes to report.json; None = the counts of the points alone
-    @param carried  {name: what the returns of each point carried}"""
+    @param carried  {name: what the returns of each point carried}
+    @param tools    (names, index of the tool that stands for each point, mask of those that reach it)"""
     carried = carried or {}
-    rows = np.empty(len(points), np.dtype(RECORD.descr + [(name, "<i4") for name in carried]))
+    of_tools = [("tool", "u1"), ("tools", "<u4")] if tools else []
+    rows = np.empty(len(points), np.dtype(RECORD.descr + of_tools + [(name, "<i4") for name in carried]))
+    if tools:
+        rows["tool"], rows["tools"] = tools[1:]
+        comments = [*comments, *[f"tool_{name}_collision_limit 4" for name in tools[0]], f"tools {','.join(tools[0])}"]
     for name in RECORD.names:
         rows[name] = points[name]
     for name, values in carried.items():
@@ -61,7 +66,8 @@ def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, car
     lines = ["ply", "format binary_little_endian 1.0", "comment AccessVDB 0.1.0", "comment origin_W 0 0 0",
              f"comment voxel_size_m {voxel_size_m}", "comment num_directions 180", "comment collision_limit 4",
              *[f"comment {each}" for each in comments], f"element vertex {len(points)}",
-             *[f"property {each}" for each in PROPERTIES], *[f"property int {name}" for name in carried], "end_header\n"]
+             *[f"property {each}" for each in PROPERTIES], *(["property uchar tool", "property uint tools"] if tools else []),
+             *[f"property int {name}" for name in carried], "end_header\n"]
     with open(folder / "points.ply", "wb") as file:
         file.write("\n".join(lines).encode())
         rows.tofile(file)

@@ -136,6 +136,11 @@ TEST_F(Carry, BadNamesAndValuesAreRefusedInOneLine) {
   EXPECT_NE(refuse(with("label"), 2, "carry.name").find("label=OTHER"), std::string::npos);
   refuse(with("tree id"), 2, "carry.name");
   refuse(with("@time_low"), 2, "carry.name");
+  // What OpenVDB has no attributes of, and what readers or the table's first row have taken.
+  for (const char* name : {"tree.id", "tree-id", "1st", "fid", "Geom", "all", "Position", "tile"}) {
+    refuse(with(name), 2, "carry.name");
+    refuse(with(std::string("class=") + name), 2, "carry.name");
+  }
   refuse(with("class=@class"), 2, "carry.name");
   refuse(map({"--carry", "tree_id", "--carry", "class=tree_id"}), 2, "carry.name");
 }

@@ -167,6 +167,27 @@ TEST_F(Export, RefusesInOneLine) {
   EXPECT_FALSE(std::filesystem::exists(path("a.tif")));
 }
 
+/// Without the library, and with one that is none of the name's: before anything is read or written.
+TEST_F(Export, SaysWhenTheLibraryIsMissing) {
+  use({});
+  succeed(map({"--tiles", "off"}));
+  const auto exportWith = [&](const std::string& content) {
+    for (int number = 26; number <= 60; ++number) writeText("lib/libgdal.so." + std::to_string(number), content);
+    writeText("lib/libgdal.so", content);
+    const std::string command = "LD_LIBRARY_PATH='" + path("lib") + "' '" ACCESSVDB_PROGRAM "' export --map '" +
+                                path("out") + "' --raster '" + path("missing.tif") + "' 2> '" + path("error.txt") + "'";
+    return WEXITSTATUS(std::system(command.c_str()));
+  };
+  for (const std::string& content : {std::string(), std::string("no library")}) {
+    EXPECT_EQ(exportWith(content), 4);
+    const std::string said = readText("error.txt");
+    EXPECT_TRUE(said.starts_with("accessvdb: error[gdal.missing] ")) << said;
+    EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1) << said;
+    EXPECT_NE(said.find("apt install"), std::string::npos) << said;
+    EXPECT_FALSE(std::filesystem::exists(path("missing.tif")));
+  }
+}
+
 TEST_F(Export, SaysWhenThereIsNoFrame) {
   use({});
   scans_.resize(scans_.size() - 2);  // without points.las
@@ -174,6 +195,14 @@ TEST_F(Export, SaysWhenThereIsNoFrame) {
   const auto run = cli_test::runProgram({"export", "--map", path("out"), "--raster", path("a.tif")});
   EXPECT_EQ(run.exit_code, 0) << run.err;
   EXPECT_NE(run.err.find("warning[export.no_frame]"), std::string::npos);
+  // A points.las without a system says none either.
+  Cloud nowhere;
+  nowhere.wkt.clear();
+  use(nowhere);
+  succeed(map({"--tiles", "off"}, "nowhere"));
+  EXPECT_NE(cli_test::runProgram({"export", "--map", path("nowhere"), "--vector", path("a.gpkg")})
+                .err.find("warning[export.no_frame]"),
+            std::string::npos);
   writeText("frame.wkt", kMetres);
   succeed(exported({"--raster", path("a.tif"), "--crs", path("frame.wkt")}));
   EXPECT_EQ(meaning(path("a.tif")), meaning("EPSG:26912"));

@@ -4,14 +4,20 @@
 /// of others (npm: copc) and by a reader here; and rows that say where they are from.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <optional>
+#include <random>
 #include <sstream>
+#include <vector>
 
+#include "accessvdb/error.h"
+#include "accessvdb/scan_io.h"
 #include "survey/las_plot.h"
 
 namespace accessvdb::survey_test {
@@ -174,6 +180,184 @@ TEST_F(Frame, LaterScansAreInTheSameOne) {
   refuse(map({"--tiles", "off", "--resume", path("state")}, "second"), 4, "scans.frame");
   writeText("frame.wkt", kMetres);
   succeed(map({"--tiles", "off", "--resume", path("state"), "--crs", path("frame.wkt")}, "second"));
+}
+
+/// A record in front of the points, or behind them. @param bytes  that it says to have, where that is not the truth
+struct Record {
+  std::string user = {};
+  int id = 0;
+  std::string body = {};
+  std::optional<std::uint64_t> bytes = {};
+};
+std::string bytesOf(const Record& record, bool extended) {
+  std::string out(2, '\0');
+  out += record.user;
+  out.resize(18, '\0');
+  test::put(out, static_cast<std::uint16_t>(record.id));
+  const std::uint64_t bytes = record.bytes.value_or(record.body.size());
+  if (extended) {
+    test::put(out, bytes);
+  } else {
+    test::put(out, static_cast<std::uint16_t>(bytes));
+  }
+  out.resize(extended ? 60 : 54, '\0');
+  return out + record.body;
+}
+std::string keysOf(const std::vector<std::array<int, 2>>& entries, int more_than_there_are = 0) {
+  std::string keys;
+  for (const int n : {1, 1, 0, static_cast<int>(entries.size()) + more_than_there_are})
+    test::put(keys, static_cast<std::uint16_t>(n));
+  for (const auto& [key, value] : entries) {
+    for (const int n : {key, 0, 1, value}) test::put(keys, static_cast<std::uint16_t>(n));
+  }
+  return keys;
+}
+template <typename T>
+void set(std::string& bytes, std::size_t at, T value) {
+  std::memcpy(bytes.data() + at, &value, sizeof value);
+}
+/// The plot with these records in front of its own, which says what tree_id is.
+std::string plotWith(const std::vector<Record>& records, bool wkt_counts) {
+  Cloud cloud;
+  cloud.wkt.clear();
+  std::string file = cloud.bytes(), front;
+  for (const Record& record : records) front += bytesOf(record, false);
+  set(file, 6, static_cast<std::uint16_t>(wkt_counts ? 17 : 1));
+  set(file, 96, static_cast<std::uint32_t>(375 + 54 + 192 + front.size()));
+  set(file, 100, static_cast<std::uint32_t>(records.size() + 1));
+  return file.insert(375, front);
+}
+std::string plotWithBehind(std::string tail, std::uint32_t count, std::optional<std::uint64_t> begin = {}) {
+  std::string file = plotWith({}, true);
+  set(file, 235, begin.value_or(file.size()));
+  set(file, 243, count);
+  return file + tail;
+}
+const char* const kProjection = "LASF_Projection";
+const Record kWkt = {kProjection, 2112, kMetres + '\0'};
+const std::string kZone12 = keysOf({{1024, 1}, {3072, 26912}});
+std::string zone11() {
+  std::string wkt = kMetres;
+  wkt.insert(wkt.size() - 1, ",AUTHORITY[\"EPSG\",\"26911\"]");
+  return wkt;
+}
+
+/// What is damaged or contradicts itself moves no point, comes back only as far as it can be read and counts, and is
+/// named in one line.
+TEST_F(Frame, BrokenRecordsAreNamed) {
+  struct Case {
+    const char* what;
+    std::string file;
+    const char* words;      ///< of the one warning scans.crs; null: there is none
+    std::string wkt, keys;  ///< in points.las
+    bool trees = true;      ///< the record with tree_id can be read
+  };
+  const std::string behind = bytesOf({kProjection, 2112, kMetres + '\0'}, true);
+  const std::string wkt = kMetres + '\0', damaged = "its list of records is damaged";
+  const Case cases[] = {
+      {"whole", plotWith({kWkt}, true), nullptr, wkt, {}},
+      {"without a zero", plotWith({{kProjection, 2112, kMetres}}, true), nullptr, wkt, {}},
+      {"more behind the zero", plotWith({{kProjection, 2112, wkt + "junk\n\33["}}, true), nullptr, wkt, {}},
+      {"past the points", plotWith({{kProjection, 2112, wkt, 60000}}, true), damaged.c_str(), {}, {}, false},
+      {"past the points, the second", plotWith({kWkt, {"mine", 1, "x", 65535}}, true), damaged.c_str(), wkt, {}, false},
+      {"cut inside", plotWith({{kProjection, 2112, kMetres.substr(0, 300)}}, true), "not well formed", {}, {}},
+      {"no text", plotWith({{kProjection, 2112, "\1\2\377\n"}}, true), "not well formed", {}, {}},
+      {"deep", plotWith({{kProjection, 2112, std::string(40000, '[')}}, true), "not well formed", {}, {}},
+      {"empty", plotWith({{kProjection, 2112, std::string(1, '\0')}}, true), nullptr, {}, {}},
+      {"two texts", plotWith({kWkt, {kProjection, 2112, kFeet}}, true), "two records of one kind", wkt, {}},
+      {"more keys than there are",
+       plotWith({{kProjection, 34735, keysOf({{1024, 1}}, 999)}}, false),
+       "GeoKeys cannot be read",
+       {},
+       {}},
+      {"half a key", plotWith({{kProjection, 34735, kZone12.substr(0, 21)}}, false), "GeoKeys cannot be read", {}, {}},
+      {"no keys", plotWith({{kProjection, 34735, ""}}, false), "GeoKeys cannot be read", {}, {}},
+      {"a key twice",
+       plotWith({{kProjection, 34735, keysOf({{1024, 1}, {3072, 26911}, {3072, 26912}})}}, false),
+       "a key twice",
+       {},
+       keysOf({{1024, 1}, {3072, 26911}, {3072, 26912}})},
+      {"keys of another zone, text counts",
+       plotWith({{kProjection, 2112, zone11()}, {kProjection, 34735, kZone12}}, true),
+       "the WKT counts, and the GeoKeys are left out",
+       zone11() + '\0',
+       {}},
+      {"keys of another zone count",
+       plotWith({{kProjection, 2112, zone11()}, {kProjection, 34735, kZone12}}, false),
+       "the GeoKeys count, and the WKT is left out",
+       {},
+       kZone12},
+      {"keys in feet, text in metres",
+       plotWith({kWkt, {kProjection, 34735, keysOf({{1024, 1}, {3072, 2264}})}}, true),
+       "the GeoKeys are left out",
+       wkt,
+       {}},
+      {"keys in degrees, text in metres",
+       plotWith({kWkt, {kProjection, 34735, keysOf({{1024, 2}, {2048, 4326}})}}, true),
+       "the GeoKeys are left out",
+       wkt,
+       {}},
+      {"both the same", plotWith({kWkt, {kProjection, 34735, kZone12}}, true), nullptr, wkt, kZone12},
+      {"behind, whole", plotWithBehind(behind, 1), nullptr, wkt, {}},
+      {"behind, cut in its head", plotWithBehind(behind.substr(0, 20), 1), damaged.c_str(), {}, {}},
+      {"behind, cut in its body", plotWithBehind(behind.substr(0, 100), 1), damaged.c_str(), {}, {}},
+      {"behind, endless", plotWithBehind(bytesOf({kProjection, 2112, wkt, ~0ULL}, true), 1), damaged.c_str(), {}, {}},
+      {"behind, past the end", plotWithBehind("", 1, 1ULL << 63), damaged.c_str(), {}, {}},
+      {"behind, 4 billion of them", plotWithBehind(behind, ~0U), damaged.c_str(), wkt, {}},
+  };
+  use({});
+  succeed(map({"--tiles", "off"}, "intact"));
+  const std::string points = readText("intact/points.ply");
+  for (const Case& one : cases) {
+    SCOPED_TRACE(one.what);
+    writeText("plot.las", one.file);
+    const auto result = cli_test::runProgram(map({"--tiles", "off"}));
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    const std::size_t warning = result.err.find("warning[scans.crs]");
+    ASSERT_EQ(warning != std::string::npos, one.words != nullptr) << result.err;
+    if (one.words != nullptr) {
+      EXPECT_NE(result.err.substr(warning, result.err.find('\n', warning) - warning).find(one.words), std::string::npos)
+          << result.err;
+      EXPECT_EQ(result.err.find("warning[scans.crs]", warning + 1), std::string::npos);
+    }
+    EXPECT_EQ(readText("out/points.ply"), points);
+    EXPECT_EQ(record(las(), kProjection, 2112), one.wkt);
+    EXPECT_EQ(record(las(), kProjection, 34735), one.keys);
+    const Flags trees = map({"--tiles", "off", "--carry", "tree_id"}, "trees");
+    if (one.trees) {
+      succeed(trees);
+    } else {
+      EXPECT_NE(refuse(trees, 4, "carry.missing").find(damaged), std::string::npos);
+    }
+  }
+  // What the file does not say can be said.
+  writeText("frame.wkt", kMetres);
+  writeText("plot.las", cases[5].file);
+  EXPECT_EQ(succeed(map({"--tiles", "off", "--crs", path("frame.wkt")})).find("scans.crs"), std::string::npos);
+  EXPECT_EQ(record(las(), kProjection, 2112), wkt);
+}
+
+/// Any byte of header and records may be wrong: one error of ours, or a frame.
+TEST_F(Frame, NoByteOfTheRecordsCrashes) {
+  const std::string whole = plotWith({kWkt, {kProjection, 34735, kZone12}}, true);
+  const std::size_t records_end = at<std::uint32_t>(whole, 96);
+  std::mt19937 random(50);
+  int read = 0, refused = 0;
+  for (int n = 0; n < 2000; ++n) {
+    std::string file = whole;
+    for (int k = 0; k <= n % 3; ++k) file[random() % records_end] = static_cast<char>(random());
+    if (n % 5 == 0) file.resize(random() % file.size());
+    writeText("mutated.las", file);
+    try {
+      (void)io::frameOfLas(folder_ / "mutated.las");
+      ++read;
+    } catch (const Error& error) {
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+      ++refused;
+    }
+  }
+  EXPECT_GT(read, 200);
+  EXPECT_GT(refused, 200);
 }
 
 }  // namespace

@@ -123,6 +123,42 @@ TEST_F(Pages, OfADiffSayWhatItsJsonSays) {
   refuse({"diff", path("spring"), path("autumn"), "--html"}, 2, "usage.missing");
 }
 
+/// Each of several tools by itself, also where another one still reaches the point: against the bits of both maps.
+TEST_F(Pages, OfADiffHaveARowForEachTool) {
+  const Flags two = {"--tiles", "off", "--tool", "builtin:pruner", "--tool-name", "thin", "--tool-name", "arm"};
+  succeed(map(two, "spring"));
+  succeed(map(plus(two, {"--corridor", "0.6"}), "autumn"));
+  const Ply before(readText("spring/points.ply")), after(readText("autumn/points.ply"));
+  ASSERT_EQ(before.column.at("x"), after.column.at("x"));  // a corridor moves no point
+  int opened[2] = {}, closed[2] = {};
+  for (std::size_t n = 0; n < before.rows; ++n) {
+    for (int k = 0; k < 2; ++k) {
+      const bool was = (static_cast<unsigned>(before.column.at("tools")[n]) >> k & 1) != 0;
+      const bool is = (static_cast<unsigned>(after.column.at("tools")[n]) >> k & 1) != 0;
+      opened[k] += is && !was;
+      closed[k] += was && !is;
+    }
+  }
+  ASSERT_GT(closed[0], 0);
+  ASSERT_GT(closed[1], 0);
+  ASSERT_NE(closed[0], closed[1]);
+  succeed({"diff", path("spring"), path("autumn"), "--out", path("changes"), "--quiet", "--html"});
+  const Json tools = Json::parse(readText("changes/diff.json")).at("tools");
+  const std::string html = readText("changes/diff.html");
+  for (int k = 0; k < 2; ++k) {
+    const std::string name = k == 0 ? "thin" : "arm";
+    EXPECT_EQ(tools.at(static_cast<std::size_t>(k)),
+              Json({{"name", name}, {"opened", opened[k]}, {"closed", closed[k]}}));
+    EXPECT_TRUE(hasRow(html, {name, std::to_string(opened[k]), std::to_string(closed[k])}));
+  }
+  EXPECT_NE(html.find("one of the tools reaches"), std::string::npos);
+  // With one tool there is nothing of the kind.
+  succeed(map({"--tiles", "off"}, "one"));
+  succeed({"diff", path("one"), path("one"), "--out", path("none"), "--quiet", "--html"});
+  EXPECT_FALSE(Json::parse(readText("none/diff.json")).contains("tools"));
+  EXPECT_EQ(readText("none/diff.html").find("By tool"), std::string::npos);
+}
+
 TEST_F(Pages, OfAWhatIfSayWhatItsJsonSays) {
   succeed(map({"--tiles", "off", "--checkpoint", path("state")}));
   const Flags what_if = {"whatif", path("state"), "--tool",  "builtin:pencil", "--allow-hidden-tool",

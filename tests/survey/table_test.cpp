@@ -8,7 +8,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -18,6 +20,7 @@
 #include <vector>
 
 #include "large/tiled_test.h"
+#include "support/bytes.h"
 #include "survey/survey_world.h"
 
 namespace accessvdb::survey_test {
@@ -122,6 +125,18 @@ TEST_F(Table, RowsAreSumsOverThePoints) {
   EXPECT_EQ(facts.at("tables")[0].at("rows_total"), sums["tree_id"].size());
 }
 
+TEST_F(Table, WhereAReturnIsHasNoRows) {
+  succeed(map({"--tiles", "off", "--html"}));
+  succeed(map({"--tiles", "off", "--html", "--index"}, "indexed"));
+  const std::string expected = readText("out/table.csv");
+  EXPECT_EQ(readText("indexed/table.csv"), expected);
+  EXPECT_EQ(cli_test::runProgram({"query", "--map", path("indexed"), "--table", "--quiet"}).out, expected);
+  const std::string page = readText("indexed/report.html");
+  EXPECT_NE(page.find("\"attribute\":\"tree_id\""), std::string::npos);
+  EXPECT_EQ(page.find("\"attribute\":\"index\""), std::string::npos);
+  EXPECT_EQ(page.find("\"attribute\":\"scan\""), std::string::npos);
+}
+
 TEST_F(Table, TilesAndAStopGiveTheSameBytes) {
   succeed(map({"--tiles", "off", "--threads", "1"}, "straight"));
   succeed(map({"--tiles", "6.4"}));
@@ -149,6 +164,93 @@ TEST_F(Table, OfAMapWithoutAttributesIsTheWholeAlone) {
   ASSERT_EQ(rows.size(), 1u);
   EXPECT_EQ(rows[0].at("points"), std::to_string(Ply(readText("out/points.ply")).rows));
   refuse({"query", "--map", path("out"), "--table", "--json"}, 2, "usage.table");
+}
+
+/// Each point is a tree of its own: all are in the table, the page says how many it leaves out.
+TEST_F(Table, AMillionTreesHaveARowEach) {
+  constexpr std::size_t kSide = 1000, kTrees = kSide * kSide;
+  // Odd, so that numbers below 2^22 are all different; some are negative.
+  const auto idOf = [](std::size_t n) { return static_cast<std::int32_t>(n * 2147483u % (1u << 22)) - 1'000'000; };
+  std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(kTrees) + "\n";
+  for (const char* name : {"float x", "float y", "float z", "float nx", "float ny", "float nz", "int tree_id"})
+    bytes += std::string("property ") + name + "\n";
+  bytes += "end_header\n";
+  for (std::size_t n = 0; n < kTrees; ++n) {
+    // Ten to a metre, each in the middle of a voxel of 50 mm.
+    for (const float value :
+         {0.1f * static_cast<float>(n % kSide), 0.1f * static_cast<float>(n / kSide), 0.1f, 0.05f, 0.0f, 0.5f}) {
+      test::put(bytes, value);
+    }
+    test::put(bytes, idOf(n));
+  }
+  writeText("million.ply", bytes);
+  scans_ = {"--scans", path("million.ply"), "--carry", "tree_id", "--static", "--origin", "0,0,0"};
+  succeed(map({"--tiles", "off", "--html"}));
+  std::istringstream lines(readText("out/table.csv"));
+  std::string line;
+  std::getline(lines, line);
+  ASSERT_TRUE(std::getline(lines, line));
+  EXPECT_TRUE(line.starts_with("all,," + std::to_string(kTrees) + ",")) << line;
+  std::vector<bool> seen(std::size_t{1} << 22);
+  std::size_t rows = 0;
+  std::int64_t last = -1'000'001;
+  while (std::getline(lines, line)) {
+    ASSERT_TRUE(line.starts_with("tree_id,")) << line;
+    char* end = nullptr;
+    const std::int64_t id = std::strtol(line.c_str() + 8, &end, 10);
+    ASSERT_TRUE(std::string(end).starts_with(",1,")) << line;
+    ASSERT_GT(id, last);
+    last = id;
+    seen[static_cast<std::size_t>(id + 1'000'000)] = true;
+    ++rows;
+  }
+  EXPECT_EQ(rows, kTrees);
+  for (std::size_t n = 0; n < kTrees; ++n) ASSERT_TRUE(seen[static_cast<std::size_t>(idOf(n) + 1'000'000)]) << n;
+  const std::string page = readText("out/report.html");
+  EXPECT_LT(page.size(), 20'000'000u);
+  EXPECT_NE(page.find("\"rows_total\":1000000"), std::string::npos);
+  std::size_t shown = 0;
+  for (std::size_t at = page.find("\"reasons_m2\""); at != std::string::npos; at = page.find("\"reasons_m2\"", at + 1))
+    ++shown;
+  EXPECT_EQ(shown, 1000u);
+}
+
+/// Of several tools each has a column; against the bits of points.ply, whole and in tiles.
+TEST_F(Table, EachOfSeveralToolsHasAColumn) {
+  const Flags two = {"--tool", "builtin:pruner", "--tool-name", "arm", "--tool-name", "thin"};
+  Flags whole = two, tiled = two;
+  whole.insert(whole.end(), {"--tiles", "off"});
+  tiled.insert(tiled.end(), {"--tiles", "6.4"});
+  succeed(map(whole));
+  succeed(map(tiled, "tiled"));
+  EXPECT_EQ(readText("out/table.csv"), readText("tiled/table.csv"));
+  const Ply points(readText("out/points.ply"));
+  const Vector origin_W = originOf(points);
+  const auto at = [&](const char* name, std::size_t n) { return points.column.at(name)[n]; };
+  std::map<std::string, double> area_m2[2];
+  for (std::size_t n = 0; n < points.rows; ++n) {
+    const double own_m2 =
+        sectionOf({at("x", n), at("y", n), at("z", n)}, {at("nx", n), at("ny", n), at("nz", n)}, origin_W, 0.05);
+    for (int k = 0; k < 2; ++k) {
+      if ((static_cast<unsigned>(at("tools", n)) >> k & 1) != 0)
+        area_m2[k][std::to_string(static_cast<int>(at("tree_id", n)))] += own_m2;
+    }
+  }
+  const std::vector<Row> rows = rowsOf("out");
+  Exact sum[3];
+  for (const Row& row : rows) {
+    if (row.at("attribute") != "tree_id") continue;
+    const std::string id = row.at("id").empty() ? "-2147483648" : row.at("id");
+    EXPECT_NEAR(std::stod(row.at("accessible_arm_m2")), area_m2[0][id], 1e-9 * static_cast<double>(points.rows)) << id;
+    EXPECT_NEAR(std::stod(row.at("accessible_thin_m2")), area_m2[1][id], 1e-9 * static_cast<double>(points.rows)) << id;
+    sum[0] += exactly(row.at("accessible_arm_m2"), 9);
+    sum[1] += exactly(row.at("accessible_thin_m2"), 9);
+    sum[2] += exactly(row.at("accessible_m2"), 9);
+  }
+  EXPECT_EQ(sum[0], exactly(rows[0].at("accessible_arm_m2"), 9));
+  EXPECT_EQ(sum[1], exactly(rows[0].at("accessible_thin_m2"), 9));
+  EXPECT_NE(sum[0], sum[1]);
+  EXPECT_LE(std::max(sum[0], sum[1]), sum[2]);  // what any of them reaches
 }
 
 /// Pines that stand 32 m apart were seen by a sensor of their own each, so each is mapped as if it were alone. Its row

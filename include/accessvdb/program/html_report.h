@@ -19,11 +19,17 @@ class ToolGeometry;
 
 namespace accessvdb::io {
 
+/// A tool as the page draws it at the point that is clicked.
+struct DrawnTool {
+  const ToolGeometry* geometry = nullptr;  ///< null: not drawn; must live as long as the call
+  std::filesystem::path file = {};         ///< it was read from; empty for built-in tools
+};
+
 struct HtmlReportOptions {
   /// Most points that are drawn; where there are more, one per cell of a grid and reason is. At least kLeastPoints.
   std::uint64_t most_points = 1'000'000;
-  const ToolGeometry* tool = nullptr;  ///< drawn at the point that is clicked; must live as long as the call
-  std::filesystem::path tool_file;     ///< it was read from; empty for built-in tools
+  /// One for each tool of the field, in its order, or none at all.
+  std::vector<DrawnTool> tools = {};
   /// What the page is called, for whom it is and of which place; empty: the folder's name, and nothing.
   std::string title = {}, client = {}, site = {};
   bool allow_changed = false;  ///< draw files that are not as they were written, too (output_check.h)
@@ -41,7 +47,8 @@ struct HtmlReport {
 
 /// Writes the page of an output folder of `map`, whole or in tiles (read one at a time). The same folder gives the same
 /// bytes.
-/// @throws InvalidArgument (options), InputError (no such folder, files that were damaged or changed), OutputError
+/// @throws InvalidArgument (options, another number of tools), InputError (no such folder, files that were damaged or
+/// changed), OutputError
 ACCESSVDB_API HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesystem::path& folder,
                                          const HtmlReportOptions& options = {});
 

@@ -34,6 +34,12 @@ struct ACCESSVDB_API ExactArea {
 [[nodiscard]] ACCESSVDB_API ExactArea areaOf(const SurfacePoint& point, const Eigen::Vector3d& origin_W,
                                              double voxel_size_m);
 
+/// What one of several tools reaches.
+struct ReachedByTool {
+  std::uint64_t points = 0;
+  ExactArea area = {};
+};
+
 struct ACCESSVDB_API PointRow {
   std::string attribute = {};           ///< empty: the whole field
   std::optional<std::int32_t> id = {};  ///< nothing: the whole, or points without the attribute
@@ -42,6 +48,7 @@ struct ACCESSVDB_API PointRow {
   ExactArea unscored = {};                            ///< those of the reasons of unscored points
   std::uint64_t score_sum = 0, scored = 0;            ///< over the points that have one
   Eigen::AlignedBox3d box_W = {};
+  std::vector<ReachedByTool> tools = {};  ///< of several, in their order; with one tool empty
 
   [[nodiscard]] std::uint64_t allPoints() const;
   [[nodiscard]] ExactArea allArea() const;
@@ -50,7 +57,8 @@ struct ACCESSVDB_API PointRow {
 /// The whole first, then each attribute's values in ascending order, and last its points without one.
 struct PointTable {
   double voxel_size_m = 0;
-  std::vector<PointRow> rows;
+  std::vector<std::string> tools = {};  ///< names of several; with one tool empty
+  std::vector<PointRow> rows = {};
 };
 
 /// Of an output folder of `map`, whole or in tiles, one after the other: a row takes 400 bytes, and its line as much

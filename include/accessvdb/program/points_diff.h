@@ -59,6 +59,13 @@ struct PointsDiff {
     std::uint64_t points = 0;
   };
   std::vector<Transition> transitions;
+  /// Of several tools, in their order: points that both maps have and that this one reaches now and did not, or the
+  /// reverse, whatever the others do. Empty with one tool.
+  struct ToolChange {
+    std::string name;
+    std::uint64_t opened = 0, closed = 0;
+  };
+  std::vector<ToolChange> tools;
   std::vector<ChangedPoint> points;           ///< sorted by place, whatever the order in the files
   std::vector<std::string> other_parameters;  ///< "name: earlier, later" of each parameter that differs
 };
@@ -66,7 +73,7 @@ struct PointsDiff {
 /// Compares maps that are stored as one points.ply, or as one per tile.
 /// A point of the later map has changed if the label of its counterpart is another one; it has appeared if it has none.
 /// A point of the earlier map is gone if no point of the later one could be its counterpart. Of several candidates
-/// the nearest counts, then the first by position. Takes about 40 bytes per point of the earlier map, and 120 per
+/// the nearest counts, then the first by position. Takes about 48 bytes per point of the earlier map, and 120 per
 /// change.
 /// @param before, after  the files of each map; parts of one map have one origin
 /// @throws UnusableInput "diff.voxel", "diff.tool" (maps of another voxel size or tool cannot be compared),

@@ -40,6 +40,9 @@ CarriedFields::CarriedFields(const std::vector<RecordField>& all, const std::vec
     }
     const bool there = found != all.end();
     fields_.push_back(there ? *found : RecordField{});
+    const RecordField& field = fields_.back();
+    is_int32_.push_back(there && field.type == ScalarType::Int32 && field.bits == 0 && !field.no_data &&
+                        field.scale == 1 && field.offset_of_value == 0);
     index_.push_back(there ? std::optional(static_cast<std::size_t>(found - all.begin())) : std::nullopt);
   }
 }
@@ -68,10 +71,12 @@ void CarriedCheck::note(const CarriedFields* fields, const std::string& subject)
                 [&](const std::string& name) { return std::find(here.begin(), here.end(), name) == here.end(); });
 }
 
-void CarriedCheck::require() const {
+void CarriedCheck::require(const std::string& doubt) const {
   if (missing_.empty() || subject_.empty()) return;
-  throw UnusableInput("carry.missing", subject_, "has no " + missing_.front() + ", nor has any other scan",
-                      "Name one of: " + present_);
+  throw UnusableInput(
+      "carry.missing", subject_,
+      "has no " + missing_.front() + ", nor has any other scan" + (doubt.empty() ? "" : " (" + doubt + ")"),
+      "Name one of: " + present_);
 }
 
 std::int32_t CarriedFields::besides(std::size_t n, std::uint64_t row) const {
@@ -108,7 +113,9 @@ void CarriedFields::append(const char* record, bool big_endian, std::uint64_t ro
       continue;
     }
     const RecordField& field = fields_[n];
-    if (field.bits != 0) {
+    if (is_int32_[n] != 0) {  // most are: what follows would take ten times as long
+      to.push_back(loadScalar<std::int32_t>(record + field.offset, big_endian));
+    } else if (field.bits != 0) {
       const auto byte = static_cast<unsigned char>(record[field.offset]);
       to.push_back(static_cast<std::int32_t>(byte >> field.shift & ((1u << field.bits) - 1)));
     } else {

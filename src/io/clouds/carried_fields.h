@@ -41,8 +41,9 @@ class CarriedCheck {
   [[nodiscard]] bool hasAll() const {
     return missing_.empty() || missing_.front().starts_with('@');  // those come last, and need not be there
   }
+  /// @param doubt  about what a file says of its fields; empty if there is none
   /// @throws UnusableInput "carry.missing" if there is one that none of the files had
-  void require() const;
+  void require(const std::string& doubt = {}) const;
 
  private:
   std::vector<std::string> missing_;
@@ -83,6 +84,7 @@ class CarriedFields {
   std::vector<std::string> wanted_;
   std::vector<RecordField> fields_;                ///< [wanted]
   std::vector<std::optional<std::size_t>> index_;  ///< [wanted] into `all`
+  std::vector<char> is_int32_;                     ///< [wanted] stored as the number that it is
   std::string subject_, present_;
   std::int32_t scan_ = 0;
 };

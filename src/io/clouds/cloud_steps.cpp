@@ -91,7 +91,7 @@ void CloudSteps::findSteps() {
     }
     checkReader(totals, all_unit);
   }
-  carried.require();
+  carried.require(system_doubts_.empty() ? "" : system_doubts_.front());
   if (steps_.empty())
     throw UnusableInput("input.no_points", forMessage(input_.files.front().parent_path().native()),
                         "contains no points in any of its " + std::to_string(input_.files.size()) + " files",
@@ -108,6 +108,7 @@ void CloudSteps::checkReader(const CloudTotals& totals, bool all_unit) {
   const std::string subject = forMessage(input_.files[file_].native());
   for (std::string& notice : reader_->notices(totals)) notices_.push_back(std::move(notice));
   if (!reader_->unitDoubt().empty()) unit_doubts_.push_back(subject + ": " + reader_->unitDoubt());
+  if (!reader_->systemDoubt().empty()) system_doubts_.push_back(subject + ": " + reader_->systemDoubt());
   if (totals.points == 0 && totals.left_out.all() != 0 && input_.files.size() == 1)
     throw UnusableInput("input.no_points", subject, "has only " + totals.left_out.inWords() + ", which are left out",
                         "Use keep_noise to keep them, or another file");

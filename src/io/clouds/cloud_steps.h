@@ -46,8 +46,9 @@ class CloudSteps {
   [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
   /// Of all files. @throws the constructor: UnusableInput "scans.frame" if they are in different ones
   [[nodiscard]] const SurveyFrame& frame() const { return frame_; }
-  /// Of each file, CloudReader::unitDoubt() with its name.
+  /// Of each file, CloudReader::unitDoubt() or systemDoubt() with its name.
   [[nodiscard]] const std::vector<std::string>& unitDoubts() const { return unit_doubts_; }
+  [[nodiscard]] const std::vector<std::string>& systemDoubts() const { return system_doubts_; }
 
  private:
   struct Step {
@@ -73,7 +74,7 @@ class CloudSteps {
   CloudInput input_;
   std::vector<Step> steps_;
   std::vector<std::uint64_t> file_bytes_;  ///< [files] when they were first read
-  std::vector<std::string> notices_, unit_doubts_;
+  std::vector<std::string> notices_, unit_doubts_, system_doubts_;
   std::uint64_t truncated_points_ = 0, noise_points_ = 0;
   SurveyFrame frame_;
   std::unique_ptr<CloudReader> reader_;  ///< of file_

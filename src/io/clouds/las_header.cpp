@@ -51,10 +51,12 @@ void takeProjection(ByteSource& file, const LasRecordList& list, LasProjection& 
                                                : id == 34737 ? &to.geo_texts
                                                : id == 2112  ? &to.wkt
                                                              : nullptr;
-    if (wanted != nullptr && bytes <= kMostBytes && !*wanted) {
+    if (wanted != nullptr && bytes <= kMostBytes) {
       const std::string_view body = file.view(at, static_cast<std::size_t>(bytes));
       if (body.size() < bytes) return void(to.cut_off = true);
-      *wanted = body.substr(0, static_cast<std::size_t>(bytes));
+      const std::string_view own = body.substr(0, static_cast<std::size_t>(bytes));
+      to.repeated = to.repeated || (*wanted && !extra && **wanted != own);
+      if (!*wanted) *wanted = own;
     }
     at += bytes;
   }
@@ -137,8 +139,12 @@ LasProjection readLasProjection(ByteSource& file) {
   // What is behind the points of a pipe is not waited for.
   if (header[25] != 4 || header.size() < kLasHeaderBytes14 || !file.size()) return projection;
   const auto extended = loadScalar<std::uint64_t>(&header[235]);
-  if (extended >= points && extended <= *file.size())
-    takeProjection(file, {extended, loadScalar<std::uint32_t>(&header[243]), *file.size(), true}, projection);
+  const auto count = loadScalar<std::uint32_t>(&header[243]);
+  if (extended >= points && extended <= *file.size()) {
+    takeProjection(file, {extended, count, *file.size(), true}, projection);
+  } else if (count > 0) {
+    projection.cut_off = true;
+  }
   return projection;
 }
 

@@ -71,6 +71,7 @@ class LasReader final : public CloudReader {
       projection.cut_off = false;
     }
     toMetres(projection);
+    system_ = lasSystem(projection);
     frame_ = frameOf(projection);
     carried_ =
         CarriedFields(lasFields(header_, projection.extra_bytes.value_or("")), options_.carry, subject_, options_.scan);
@@ -103,6 +104,7 @@ class LasReader final : public CloudReader {
   [[nodiscard]] Eigen::Vector3d unit_m() const override { return units_.metres; }
   [[nodiscard]] double step_m() const override { return header_.scale.maxCoeff(); }
   [[nodiscard]] std::string unitDoubt() const override { return units_.doubt; }
+  [[nodiscard]] std::string systemDoubt() const override { return system_.doubt; }
   [[nodiscard]] std::vector<std::string> notices(const CloudTotals& totals) const override {
     std::vector<std::string> notices;
     if (!units_.words.empty())
@@ -145,12 +147,13 @@ class LasReader final : public CloudReader {
   [[nodiscard]] SurveyFrame frameOf(const LasProjection& projection) const {
     SurveyFrame frame;
     frame.unit_m = units_.metres;
-    frame.wkt = projection.wkt.value_or("");
-    frame.wkt.erase(std::min(frame.wkt.find('\0'), frame.wkt.size()));
-    frame.geo_keys = projection.geo_keys.value_or("");
-    frame.geo_doubles = projection.geo_doubles.value_or("");
-    frame.geo_texts = projection.geo_texts.value_or("");
-    frame.wkt_counts = projection.wkt_counts;
+    if (system_.wkt) frame.wkt = wktText(projection);
+    if (system_.keys) {
+      frame.geo_keys = projection.geo_keys.value_or("");
+      frame.geo_doubles = projection.geo_doubles.value_or("");
+      frame.geo_texts = projection.geo_texts.value_or("");
+    }
+    frame.wkt_counts = system_.wkt && (projection.wkt_counts || !system_.keys);
     frame.year = header_.year;
     frame.day = header_.day;
     frame.adjusted_gps_time = header_.adjusted_gps_time;
@@ -187,6 +190,7 @@ class LasReader final : public CloudReader {
   ReadOptions options_;
   LasFileHeader header_;
   LasUnits units_;
+  LasSystem system_;
   SurveyFrame frame_;
   CarriedFields carried_;
   BinaryRecords records_;

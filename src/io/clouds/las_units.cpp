@@ -87,6 +87,7 @@ struct GeoKeys {
   std::map<int, int> values = {};
   std::map<int, double> doubles = {};
   std::map<int, std::string> texts = {};
+  bool twice = false;  ///< one key has two values; the last is here
 
   [[nodiscard]] int value(int key) const {
     const auto found = values.find(key);
@@ -103,7 +104,10 @@ std::optional<GeoKeys> geoKeysOf(const std::string& directory, const std::string
   GeoKeys keys;
   for (std::size_t i = 1; i <= count; ++i) {
     const int key = number(kEntry * i), place = number(kEntry * i + 2), value = number(kEntry * i + 6);
-    if (place == 0) keys.values[key] = value;
+    if (place == 0) {
+      keys.twice = keys.twice || (keys.values.contains(key) && keys.values[key] != value);
+      keys.values[key] = value;
+    }
     const auto offset = sizeof(double) * static_cast<std::size_t>(value);
     if (place == 34736 && offset + sizeof(double) <= doubles.size())
       keys.doubles[key] = loadScalar<double>(doubles.data() + offset);
@@ -112,6 +116,11 @@ std::optional<GeoKeys> geoKeysOf(const std::string& directory, const std::string
       keys.texts[key] = texts.substr(begin, static_cast<std::size_t>(number(kEntry * i + 4)));
   }
   return keys;
+}
+
+std::optional<GeoKeys> geoKeysOf(const LasProjection& projection) {
+  return geoKeysOf(projection.geo_keys.value_or(""), projection.geo_doubles.value_or(""),
+                   projection.geo_texts.value_or(""));
 }
 
 constexpr int kModelType = 1024, kCitation = 1026, kGeographicType = 2048, kProjectedType = 3072,
@@ -249,7 +258,72 @@ void collectUnits(const WktNode& node, const std::string& subject, WktUnits& fou
   }
 }
 
+/// EPSG's number of the projection in a tree, 0 where it has none.
+int epsgOf(const WktNode& node) {
+  if (isKind(node, {"COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS", "COORDINATEMETADATA"})) {
+    for (const WktNode& child : node.children)
+      if (const int code = epsgOf(child)) return code;
+    return 0;
+  }
+  if (!isKind(node, {"PROJCS", "PROJCRS", "PROJECTEDCRS"})) return 0;
+  const WktNode* const id = node.child({"AUTHORITY", "ID"});
+  double code = 0;
+  if (id == nullptr || id->values.size() < 2 || id->values[0] != "EPSG" || !parseNumber(id->values[1], code)) return 0;
+  return code > 0 && code < kUserDefined ? static_cast<int>(code) : 0;
+}
+
+/// Whether WKT and GeoKeys say different numbers of EPSG, or different units.
+bool contradict(const LasProjection& projection, const WktNode& tree, const GeoKeys& keys) {
+  const int by_wkt = epsgOf(tree), by_keys = keys.value(kProjectedType);
+  if (by_wkt != 0 && by_keys != 0 && by_keys != kUserDefined && by_wkt != by_keys) return true;
+  LasProjection wkt_alone = projection, keys_alone = projection;
+  wkt_alone.geo_keys.reset();
+  keys_alone.wkt.reset();
+  try {
+    const LasUnits a = lasUnits(wkt_alone, {}), b = lasUnits(keys_alone, {});
+    if (!a.doubt.empty() || !b.doubt.empty()) return false;
+    const bool heights = keys.value(kVerticalUnits) != 0;
+    return a.metres[0] != b.metres[0] || (heights && a.metres[2] != b.metres[2]);
+  } catch (const InputError&) {  // degrees or a unit that is not read, by one of them
+    return true;
+  }
+}
+
+/// GeoKeys that contradict themselves; empty if they do not.
+std::string doubtIn(const GeoKeys& keys) {
+  if (keys.twice) return "its GeoKeys have a key twice, with two values: the last one counts";
+  const CodedUnit* const said = unitOfCode(keys.value(kLinearUnits));
+  const CodedUnit* const of_code = unitOfCode(epsgUnitOfProjection(keys.value(kProjectedType)));
+  if (said == nullptr || of_code == nullptr || said == of_code) return {};
+  return "its GeoKeys say " + std::string(said->name) + ", but its projection (" +
+         std::to_string(keys.value(kProjectedType)) + ") is in " + of_code->name + ": coordinates are taken to be in " +
+         said->name;
+}
+
 }  // namespace
+
+std::string wktText(const LasProjection& projection) {
+  const std::string text = projection.wkt.value_or("");
+  return text.substr(0, text.find('\0'));
+}
+
+LasSystem lasSystem(const LasProjection& projection) {
+  const std::string text = wktText(projection);
+  const auto tree = parseWkt(text);
+  const auto keys = geoKeysOf(projection);
+  LasSystem system = {tree.has_value(), keys.has_value(), {}};
+  if (projection.cut_off) system.doubt = "its list of records is damaged: what follows there is not read";
+  if (projection.repeated) system.doubt = "it has two records of one kind that say different systems: the first counts";
+  if (keys && !doubtIn(*keys).empty()) system.doubt = doubtIn(*keys);
+  if (projection.geo_keys && !keys) system.doubt = "its GeoKeys cannot be read and are left out";
+  if (!text.empty() && !tree) system.doubt = "its WKT is not well formed and is left out";
+  if (!tree || !keys || !contradict(projection, *tree, *keys)) return system;
+  (projection.wkt_counts ? system.keys : system.wkt) = false;
+  system.doubt = std::string("its WKT and its GeoKeys say different systems: by its header the ") +
+                 (projection.wkt_counts ? "WKT counts, and the GeoKeys are" : "GeoKeys count, and the WKT is") +
+                 " left out";
+  return system;
+}
 
 LasUnits lasUnits(const LasProjection& projection, const std::string& subject) {
   LasUnits units;
@@ -257,16 +331,16 @@ LasUnits lasUnits(const LasProjection& projection, const std::string& subject) {
     units.doubt = "its list of records is damaged, and none before the damage says the unit: it is taken to be metres";
   const auto ofKeys = [&]() -> std::optional<LasUnits> {
     if (!projection.geo_keys) return std::nullopt;
-    const auto keys =
-        geoKeysOf(*projection.geo_keys, projection.geo_doubles.value_or(""), projection.geo_texts.value_or(""));
+    const auto keys = geoKeysOf(projection);
     if (keys) return unitsOfKeys(*keys, subject);
     units.doubt = "its GeoKeys cannot be read: coordinates are taken to be in metres";
     return std::nullopt;
   };
   const auto ofWkt = [&]() -> std::optional<LasUnits> {
-    if (!projection.wkt || projection.wkt->find_first_not_of('\0') == std::string::npos) return std::nullopt;
+    const std::string text = wktText(projection);
+    if (text.empty()) return std::nullopt;
     WktUnits found;
-    if (const auto tree = parseWkt(*projection.wkt)) {
+    if (const auto tree = parseWkt(text)) {
       collectUnits(*tree, subject, found);
       if (found.horizontal != nullptr)
         return unitsFrom(*found.horizontal, found.vertical != nullptr ? *found.vertical : *found.horizontal);

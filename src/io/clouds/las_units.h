@@ -24,7 +24,17 @@ struct LasProjection {
   std::optional<std::string> extra_bytes = {};  ///< says what is behind the dimensions of a point: no projection
   bool wkt_counts = false;                      ///< bit 4 of the header's global encoding
   bool cut_off = false;                         ///< the list of records ends inside of one
+  bool repeated = false;                        ///< two records of one kind differ: the first is here
 };
+
+/// What of it can be said again in points.las: what can be read, and does not contradict what counts.
+struct LasSystem {
+  bool wkt = false, keys = false;
+  std::string doubt = {};  ///< why something is not, or may be wrong, in words; empty if there is nothing
+};
+[[nodiscard]] LasSystem lasSystem(const LasProjection& projection);
+/// The text of its WKT, without the zero that ends it and what is behind.
+[[nodiscard]] std::string wktText(const LasProjection& projection);
 
 /// @throws InputError "input.geographic" (longitude and latitude, or from the Earth's centre), "input.unit" (another
 /// unit than metres and feet)

@@ -98,6 +98,8 @@ class CloudReader {
   [[nodiscard]] virtual double step_m() const { return 0; }
   /// What the file says of its units and could not be read, in words; empty if there is nothing.
   [[nodiscard]] virtual std::string unitDoubt() const { return {}; }
+  /// What is wrong with what the file says of its coordinate system, in words; empty if there is nothing.
+  [[nodiscard]] virtual std::string systemDoubt() const { return {}; }
   /// What is to be told about the cloud as a whole. @param totals  over all its parts
   [[nodiscard]] virtual std::vector<std::string> notices(const CloudTotals& totals) const;
 };

@@ -10,6 +10,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <sstream>
 #include <tuple>
 
 #include "accessvdb/error.h"
@@ -20,10 +21,11 @@ namespace {
 
 using Voxel = std::array<std::int32_t, 3>;
 
-/// A point of the earlier map, 40 bytes.
+/// A point of the earlier map, 48 bytes.
 struct Earlier {
   Eigen::Vector3d position_W;
   Voxel voxel;
+  std::uint32_t tools;
   PointLabel label;
   PointReason reason;
   bool met = false;  ///< a point of the later map could be its counterpart
@@ -114,7 +116,7 @@ class EarlierPoints {
     points_.reserve(header.points);
     for (const std::filesystem::path& file : files) {
       visitPoints(file, [&](const SurfacePoint& point) {
-        points_.push_back({point.position_W, voxelOf(point.position_W), point.label, point.reason});
+        points_.push_back({point.position_W, voxelOf(point.position_W), point.tools, point.label, point.reason});
       });
     }
     tbb::parallel_sort(points_.begin(), points_.end(), [](const Earlier& a, const Earlier& b) { return before(a, b); });
@@ -167,6 +169,14 @@ class EarlierPoints {
   std::vector<Earlier> points_;
 };
 
+void countTools(std::uint32_t before, std::uint32_t after, std::vector<PointsDiff::ToolChange>& tools) {
+  for (std::size_t k = 0; k < tools.size(); ++k) {
+    const bool was = (before >> k & 1) != 0, is = (after >> k & 1) != 0;
+    if (is && !was) ++tools[k].opened;
+    if (was && !is) ++tools[k].closed;
+  }
+}
+
 PointChange changeOf(PointLabel before, PointLabel after) {
   if (after == PointLabel::Accessible) return PointChange::Opened;
   return before == PointLabel::Accessible ? PointChange::Closed : PointChange::Relabelled;
@@ -203,6 +213,8 @@ PointsDiff diffPoints(const std::vector<std::filesystem::path>& before,
   diff.match = header.origin_W == later.origin_W ? PointMatch::SameVoxel : PointMatch::Nearest;
   diff.origin_W = header.origin_W;
   diff.voxel_size_m = header.voxel_size_m;
+  std::istringstream names(valueOf(later.metadata, "tools").value_or(""));
+  for (std::string name; std::getline(names, name, ',');) diff.tools.push_back({name});
 
   EarlierPoints earlier(before, header, diff.match);
   diff.points_before = earlier.points().size();
@@ -210,6 +222,7 @@ PointsDiff diffPoints(const std::vector<std::filesystem::path>& before,
     visitPoints(file, [&](const SurfacePoint& point) {
       ++diff.points_after;
       const Earlier* counterpart = earlier.counterpartOf(point.position_W);
+      if (counterpart != nullptr) countTools(counterpart->tools, point.tools, diff.tools);
       if (counterpart == nullptr) {
         diff.points.push_back({PointChange::Appeared, PointLabel::Unscored, PointReason::Confidence, point});
       } else if (counterpart->label == point.label) {

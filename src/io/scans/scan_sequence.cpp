@@ -182,6 +182,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       warnings.push_back(
           {"scans.unit", doubts.front() + (doubts.size() > 1 ? ", and so for others" : "") +
                              ". Compare the size of the map, or write the file again with its projection"});
+    if (const auto& doubts = clouds->systemDoubts(); !doubts.empty())
+      warnings.push_back(
+          {"scans.crs", doubts.front() + (doubts.size() > 1 ? ", and so for others" : "") +
+                            ". Say the coordinate system with crs_wkt, or write the file again with its projection"});
     scan_files = scans.files;
   }
 

@@ -18,8 +18,15 @@ class Camera {
     const {low, high} = this.home;
     this.target = scaled(add(low, high), 0.5);
     this.radius = Math.max(Math.hypot(...subtract(high, low)) / 2, 1e-3);
-    const narrower = Math.min(1, this.width / this.height);
-    this.distance = 0.82 * this.radius / Math.sin(FIELD_OF_VIEW / 2) / Math.sqrt(narrower);
+    // So far away that each corner is in the picture, with a rim.
+    const {right, up, back} = this.axes(), half = subtract(high, this.target);
+    const steep = 0.93 * Math.tan(FIELD_OF_VIEW / 2), wide = steep * this.width / this.height;
+    this.distance = 1.2 * this.radius;
+    for (let n = 0; n < 8; ++n) {
+      const corner = half.map((value, axis) => n >> axis & 1 ? value : -value);
+      const sideways = Math.max(Math.abs(dot(right, corner)) / wide, Math.abs(dot(up, corner)) / steep);
+      this.distance = Math.max(this.distance, dot(back, corner) + sideways);
+    }
   }
 
   resize(width, height) {

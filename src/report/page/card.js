@@ -21,8 +21,11 @@ function row(name, value) {
 }
 
 // The reason in a sentence, with the numbers of this point.
-function sentence(point, metadata) {
-  const limit = Number(metadata.collision_limit), allowed = limit > 0 ? `, where ${grouped(limit - 1)} may` : "";
+// @param prefix    of the keys of the metadata about the tool
+// @param in_place  whether score and direction are shown
+function sentence(point, metadata, prefix, in_place) {
+  if (!in_place) return REASON_WORDS[point.reason].means;
+  const limit = Number(metadata[`${prefix}collision_limit`]), allowed = limit > 0 ? `, where ${grouped(limit - 1)} may` : "";
   if (point.score !== null && point.reason === "tool") {
     return `Even in the best direction the tool would collide: ${grouped(point.score)} of its voxels touch something${allowed}.`;
   }
@@ -50,9 +53,10 @@ function directionWords(d, degrees) {
 }
 
 // @param facts   the report's
+// @param chosen  index of one of several tools, or ANY_TOOL
 // @param tool    a Tool, or null
 // @param inside  drawn points inside it
-function fillCard(card, {point, facts, tool, inside, close}) {
+function fillCard(card, {point, facts, chosen, tool, inside, close}) {
   const words = REASON_WORDS[point.reason];
   const degrees = (radians) => ((radians * 180 / Math.PI + 360) % 360).toFixed(1) + "°";
   const button = element("button", "close", "×");
@@ -65,14 +69,18 @@ function fillCard(card, {point, facts, tool, inside, close}) {
       row("Point", (point.tile ? `${point.id} of tile ${point.tile}` : String(point.id))),
       row("Position", point.position_W.map((value) => fixed(value, digits)).join("  ") + "\u202fm"),
       row("Label", LABEL_WORDS[point.label]),
+      ...(point.tools ? [row("Reached by", point.tools.map((k) => facts.tools[k].name).join(", ") || "no tool"),
+                         row(point.tools.length > 0 ? "Way in of" : "Closest", facts.tools[point.tool].name)] : []),
       row("Best direction", d ? directionWords(d, degrees) : "none"),
       row("Voxels touched", point.score === null ? "not tested" : grouped(point.score)),
       row("Confidence", point.confidence.toFixed(2)));
   const title = element("h2", "", swatch(REASON_COLOURS[point.reason]), words.name);
-  const in_place = element("p", "tool-line", ...[toolLine(tool, inside, point)].flat());
-  const parts = [button, title, element("p", "", sentence(point, facts.metadata)),
-                 element("p", "todo", words.todo), values, in_place];
-  if (tool && tool.facts.difference) parts.push(element("p", "warning", tool.facts.difference));
+  const in_place = !point.tools || standsFor(point, chosen);
+  const tool_line = element("p", "tool-line", ...[in_place ? toolLine(tool, inside, point) : toolsLine(point, facts, chosen)].flat());
+  const prefix = point.tools ? `tool_${facts.tools[point.tool].name}_` : "";
+  const parts = [button, title, element("p", "", sentence(point, facts.metadata, prefix, in_place)),
+                 element("p", "todo", words.todo), values, tool_line];
+  if (in_place && tool && tool.facts.difference) parts.push(element("p", "warning", tool.facts.difference));
   card.replaceChildren(...parts);
   card.dataset.id = point.id;
   card.dataset.tile = point.tile;

@@ -11,15 +11,25 @@ class Report {
     this.mode = 0;
     this.hidden = 0;  // one bit per reason
     this.selected = -1;
-    this.tool = null;
+    this.tools = [];       // unpacked; null where one is not in the page
+    this.chosen = ANY_TOOL;
+    this.sorting = new Map();
+    this.arrows = [];      // of each tool
     this.ready = false;  // the first picture was drawn
     this.frame_due = false;
-    this.chips = fillChips(facts, (reason, alone) => this.toggle(reason, alone));
-    fillSummary(facts);
+    fillTools(facts, (chosen) => this.choose(chosen));
+    this.fillColumn();
     fillProblems(facts);
-    fillAreas(facts);
-    fillTables(facts, (row) => this.look(row));
     fillRun(facts);
+  }
+
+  // What depends on the chosen tool.
+  fillColumn() {
+    const facts = factsFor(this.facts, this.chosen);
+    this.chips = fillChips(facts, (reason, alone) => this.toggle(reason, alone));
+    fillSummary(facts, this.chosen);
+    fillAreas(facts);
+    fillTables(facts, this.sorting, (row) => this.look(row));
   }
 
   async start() {
@@ -37,12 +47,15 @@ class Report {
       centred: (x, y) => this.centre(x, y),
     });
     this.watchPage();
-    if (this.facts.tool) this.tool = await Tool.unpack(this.facts.tool);
+    for (const {drawn} of this.facts.tools || [{drawn: this.facts.tool}]) {
+      this.tools.push(drawn ? await Tool.unpack(drawn) : null);
+    }
     await this.unpackAll();
     this.painter.upload();
-    const box = this.points.usualBox();
-    this.camera.home = box;
-    this.painter.heights = [box.low[2], box.high[2]];
+    // The top of a tall tree is a small share of a plot.
+    this.camera.home = this.points.usualBox(0.002);
+    const most = this.points.usualBox(0.02);
+    this.painter.heights = [most.low[2], most.high[2]];
     this.resize();
     this.camera.fit();
     this.readAddress();
@@ -171,6 +184,20 @@ class Report {
         (label) => element("span", "", swatch(LABEL_COLOURS[label]), LABEL_WORDS[label]));
   }
 
+  // @param chosen  index of one of several tools, or ANY_TOOL
+  choose(chosen) {
+    if (chosen === this.chosen) return;
+    this.chosen = chosen;
+    byId("tool-choice").value = String(chosen);
+    byId("tool-note").hidden = chosen === ANY_TOOL;
+    this.points.showTool(chosen);
+    this.fillColumn();
+    this.showHidden();
+    const within = this.painter.within;
+    this.select(this.selected);
+    this.painter.within = within;
+  }
+
   toggle(reason, alone) {
     const bit = 1 << REASONS.indexOf(reason), others = (1 << REASONS.length) - 1 & ~bit;
     if (alone) this.hidden = this.hidden === others ? 0 : others;
@@ -186,14 +213,17 @@ class Report {
   }
 
   fit() {
+    this.painter.within = null;
     this.camera.fit();
     this.moved();
   }
 
-  // At the box of a row of a table. "Fit" shows everything again.
+  // At the box of a row of a table; what is outside fades, until something else is chosen. "Fit" shows everything again.
   look({low, high}) {
-    const home = this.camera.home, anchor = this.points.anchor_W;
+    this.select(-1);
+    const home = this.camera.home, anchor = this.points.anchor_W, rim = this.facts.frame.voxel_size_m;
     this.camera.home = {low: subtract(low, anchor), high: subtract(high, anchor)};
+    this.painter.within = {low: this.camera.home.low.map((value) => value - rim), high: this.camera.home.high.map((value) => value + rim)};
     this.camera.fit();
     this.camera.home = home;
     this.moved();
@@ -219,6 +249,7 @@ class Report {
   select(index) {
     this.selected = index;
     this.painter.solids = [];
+    this.painter.within = null;
     this.painter.focus = [0, 0, 0, 0];
     unmark(this.points);
     this.painter.marked = 0;
@@ -226,27 +257,28 @@ class Report {
       byId("card").hidden = true;
     } else {
       const point = this.points.describe(index);
-      const inside = point.direction_W ? this.showDirection(index, point) : 0;
+      const tool = this.tools[point.tool] || null, in_place = point.direction_W && (!point.tools || standsFor(point, this.chosen));
+      const inside = in_place ? this.showDirection(index, point, tool) : 0;
       this.painter.marked = inside;
-      fillCard(byId("card"), {point, facts: this.facts, tool: this.tool, inside, close: () => this.select(-1)});
+      fillCard(byId("card"), {point, facts: this.facts, chosen: this.chosen, tool, inside, close: () => this.select(-1)});
     }
     this.painter.uploadMarks();
     this.moved();
   }
 
   // The tool with its tip at the point, and an arrow the way it comes. @return drawn points inside the tool
-  showDirection(index, point) {
+  showDirection(index, point, tool) {
     const painter = this.painter, origin = this.points.local(index), out = frameAlong(point.direction_W, point.up_W);
-    const length_m = this.tool ? 1.6 * this.tool.reach_m : 24 * this.facts.frame.voxel_size_m;
-    this.arrow ||= arrowMesh(painter, length_m);
+    const length_m = tool ? 1.6 * tool.reach_m : 24 * this.facts.frame.voxel_size_m;
+    const arrow = this.arrows[point.tool] ||= arrowMesh(painter, length_m);
     painter.focus = [...origin, 1.3 * length_m];
     const inwards = {x: scaled(out.x, -1), y: scaled(out.y, -1), z: out.z};
     const from = add(origin, scaled(out.x, length_m));
-    painter.solids.push({mesh: this.arrow, placed: frameMatrix(inwards, from), colour: [0.13, 0.15, 0.19, 1]});
-    if (!this.tool) return 0;
-    this.tool_mesh ||= painter.mesh(this.tool.vertices, this.tool.triangles);
-    painter.solids.push({mesh: this.tool_mesh, placed: frameMatrix(out, origin), colour: [0.27, 0.33, 0.62, 0.5]});
-    return this.tool.mark(this.points, out, origin);
+    painter.solids.push({mesh: arrow, placed: frameMatrix(inwards, from), colour: [0.13, 0.15, 0.19, 1]});
+    if (!tool) return 0;
+    tool.mesh ||= painter.mesh(tool.vertices, tool.triangles);
+    painter.solids.push({mesh: tool.mesh, placed: frameMatrix(out, origin), colour: [0.27, 0.33, 0.62, 0.5]});
+    return tool.mark(this.points, out, origin);
   }
 
   // The address --------------------------------------------------------------------------------------------------------
@@ -255,6 +287,7 @@ class Report {
     const parts = new URLSearchParams();
     parts.set("view", this.camera.text(this.points.anchor_W));
     parts.set("colour", COLOUR_MODES[this.mode].key);
+    if (this.chosen !== ANY_TOOL) parts.set("tool", this.facts.tools[this.chosen].name);
     const hidden = REASONS.filter((_, bit) => this.hidden >> bit & 1);
     if (hidden.length > 0) parts.set("hide", hidden.join(","));
     if (this.selected >= 0) {
@@ -273,6 +306,7 @@ class Report {
   readAddress() {
     const parts = new URLSearchParams(location.hash.slice(1));
     if (parts.has("view")) this.camera.read(parts.get("view"), this.points.anchor_W);
+    this.choose((this.facts.tools || []).findIndex(({name}) => name === parts.get("tool")));
     const mode = COLOUR_MODES.findIndex(({key}) => key === parts.get("colour"));
     const hidden = (parts.get("hide") || "").split(",").map((reason) => REASONS.indexOf(reason));
     this.hidden = hidden.reduce((bits, bit) => bit < 0 ? bits : bits | 1 << bit, 0);

@@ -19,6 +19,7 @@ class Painter {
     this.heights = [0, 1];
     this.solids = [];     // {mesh, placed, colour}
     this.focus = [0, 0, 0, 0];  // a place and a radius: what is farther away fades; 0 = nothing fades
+    this.within = null;   // a box {low, high}: what is outside fades
     this.marked = 0;      // points with a mark
     this.point_program = this.program(POINT_VERTEX, POINT_FRAGMENT);
     this.shading_program = this.program(SCREEN_VERTEX, SHADING_FRAGMENT);
@@ -70,7 +71,7 @@ class Painter {
   // Draws nothing with everything, so that the driver translates the shaders while points are still being unpacked.
   warmUp(camera) {
     this.uploaded = Math.min(1, this.points.ids.length);
-    this.draw(camera, {mode: 0, hidden: 127}, 1);
+    this.draw(camera, {mode: 0, hidden: -1 >>> 0}, 1);
     this.uploaded = 0;
   }
 
@@ -180,6 +181,11 @@ class Painter {
     gl.uniformMatrix3fv(places.to_viewer, false, [0, 1, 2].flatMap((axis) => [right[axis], up[axis], back[axis]]));
     gl.uniform2f(places.depth_range, near, far);
     gl.uniform4fv(places.focus, this.focus);
+    gl.uniform1i(places.boxed, this.within ? 1 : 0);
+    if (this.within) {
+      gl.uniform3fv(places.box_low, this.within.low);
+      gl.uniform3fv(places.box_high, this.within.high);
+    }
     gl.uniform3fv(places.background, BACKGROUND);
     gl.uniform1i(places.only_marked, only_marked ? 1 : 0);
     gl.uniform1f(places.alpha, only_marked ? 0.6 : 1);

@@ -6,9 +6,13 @@ function sumOf(facts, key, wanted) {
   return facts.classes.filter(wanted).reduce((sum, each) => sum + each[key], 0);
 }
 
+// Those in the page, of one tool or several.
+function drawnTools(facts) { return (facts.tools || [{drawn: facts.tool}]).map(({drawn}) => drawn).filter(Boolean); }
+
 function byId(id) { return document.getElementById(id); }
 
-function fillSummary(facts) {
+// @param chosen  index of one of several tools, or ANY_TOOL
+function fillSummary(facts, chosen) {
   const total = facts.points.total, run = facts.run || {};
   const reachable = (each) => each.label === "accessible";
   const header = facts.header || {};
@@ -16,15 +20,17 @@ function fillSummary(facts) {
   byId("title").textContent = header.title || facts.name;
   byId("client").textContent = [header.client, header.site].filter(Boolean).join(" · ");
   byId("client").hidden = byId("client").textContent === "";
-  const tool = facts.metadata.tool || (run.parameters || {}).tool;
-  byId("subject").textContent = (tool ? `Tool ${tool}, voxels` : "Voxels") +
+  const tool = facts.tools ? facts.tools.map(({name}) => name).join(", ") : facts.metadata.tool || (run.parameters || {}).tool;
+  byId("subject").textContent = (tool ? `${facts.tools ? "Tools" : "Tool"} ${tool}, voxels` : "Voxels") +
       ` of ${lengthText(facts.frame.voxel_size_m)}` +
       (facts.tiles > 0 ? `, ${grouped(facts.tiles)} tiles` : "");
-  byId("headline").append(
-      element("b", "", percent(sumOf(facts, "points", reachable), total)), " of the surface points can be reached: about ",
+  byId("headline").replaceChildren(
+      element("b", "", percent(sumOf(facts, "points", reachable), total)),
+      ` of the surface points can be reached${chosen === ANY_TOOL ? "" : ` by ${facts.tools[chosen].name}`}: about `,
       element("b", "", areaText(sumOf(facts, "area_m2", reachable))), " of ",
       areaText(sumOf(facts, "area_m2", () => true)));
   const bar = byId("bar");
+  bar.replaceChildren();
   for (const reason of REASON_ORDER) {
     const points = sumOf(facts, "points", (each) => each.reason === reason);
     if (points === 0) continue;
@@ -48,8 +54,8 @@ function fillProblems(facts) {
   if (run.error && run.error.problem) all.unshift({id: run.error.id || "error", text: `The run failed: ${run.error.problem}`});
   else if (run.exit_code > 0) all.unshift({id: "run.stopped", text: `The run was stopped early (exit code ${run.exit_code}).`});
   if (!facts.run) all.push({id: "report.missing", text: "The folder has no report.json: parameters and inputs are not known."});
-  if (facts.tool && facts.tool.difference && !all.some((each) => each.id === "report.tool")) {
-    all.push({id: "report.tool", text: facts.tool.difference});
+  for (const tool of drawnTools(facts)) {
+    if (tool.difference && !all.some((each) => each.id === "report.tool")) all.push({id: "report.tool", text: tool.difference});
   }
   if (all.length === 0) return;
   const section = byId("problems");
@@ -66,10 +72,12 @@ function fillProblems(facts) {
 function fillChips(facts, toggled) {
   const total = facts.points.total;
   const chips = new Map();
+  byId("chips").replaceChildren();
   for (const reason of REASON_ORDER) {
     const of_reason = (each) => each.reason === reason;
     const points = sumOf(facts, "points", of_reason), words = REASON_WORDS[reason];
-    if (reason === "changed" && points === 0) continue;  // only maps that let things go have any
+    // Only maps that let things go have any; only one of several tools has others.
+    if ((reason === "changed" || reason === "other") && points === 0) continue;
     const chip = element("button", "chip",
         element("span", "name", swatch(REASON_COLOURS[reason]), words.name),
         element("span", "count", `${grouped(points)} · ${percent(points, total)} · ${areaText(sumOf(facts, "area_m2", of_reason))}`),
@@ -98,7 +106,7 @@ function fillAreas(facts) {
                    element("td", "", grouped(points)), element("td", "", percent(points, facts.points.total)),
                    element("td", "", areaText(sumOf(facts, "area_m2", wanted))));
   };
-  byId("areas").append(head, ...["accessible", "blocked", "unscored"].map(
+  byId("areas").replaceChildren(head, ...["accessible", "blocked", "unscored"].map(
       (label) => line(LABEL_WORDS[label], (each) => each.label === label, LABEL_COLOURS[label])),
       line("all", () => true));
 }
@@ -128,7 +136,9 @@ function fillRun(facts) {
     const size = subtract(facts.bounds[1], facts.bounds[0]);
     put("Extent", size.map((value) => value.toFixed(1)).join(" × ") + "\u202fm");
   }
-  if (facts.tool) put("Tool's size", facts.tool.size_m.map((value) => +value.toPrecision(3)).join(" × ") + "\u202fm");
+  for (const tool of drawnTools(facts)) {
+    put(facts.tools ? `Size of ${tool.name}` : "Tool's size", tool.size_m.map((value) => +value.toPrecision(3)).join(" × ") + "\u202fm");
+  }
   byId("run-facts").append(tableOf(pairs), element("ul", "notices", ...(run.notices || []).map((text) => element("li", "", text))));
   const parameters = Object.entries(run.parameters || metadata).filter(([, value]) => value !== "" && value !== null);
   byId("parameters").append(tableOf(parameters));
@@ -140,8 +150,10 @@ function fillHashes(facts, run) {
   const list = element("table", "hashes");
   const put = (name, sha256) => list.append(element("tr", "", element("th", "", name), element("td", "", sha256)));
   for (const file of facts.hashes) put(file.path, file.sha256);
-  if (facts.metadata.tool_sha256) put(`tool ${facts.metadata.tool || ""}`, facts.metadata.tool_sha256);
-  if (facts.tool && facts.tool.difference) put(`tool drawn here, ${facts.tool.name}`, facts.tool.sha256);
+  if (facts.metadata.tool_sha256) put(facts.tools ? "tools" : `tool ${facts.metadata.tool || ""}`, facts.metadata.tool_sha256);
+  for (const tool of drawnTools(facts)) {
+    if (tool.difference) put(`tool drawn here, ${tool.name}`, tool.sha256);
+  }
   for (const file of run.inputs || []) put(file.path, file.sha256);
   byId("hashes").append(element("p", "quiet", "SHA-256 of what was read and written."), list);
   const more = (run.inputs_total || 0) - (run.inputs || []).length;

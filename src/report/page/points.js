@@ -4,7 +4,7 @@
 
 const NONE = 65535;  // no direction, no score
 const NO_NORMAL = 255;
-const PLANES = {id: 0, position: 4, state: 16, direction: 17, score: 19, confidence: 21, normal: 22, count: 23};
+const PLANES = {id: 0, position: 4, state: 16, direction: 17, score: 19, confidence: 21, normal: 22, tool: 23, tools: 24};
 
 function bytesOfBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
@@ -30,6 +30,13 @@ class Points {
     this.looks = new Uint8Array(4 * total);        // state, confidence, normal, 1 = inside the tool
     this.directions = new Uint16Array(total);
     this.scores = new Uint16Array(total);
+    this.planes = 23;
+    if (facts.tools) {
+      this.planes = 28;
+      this.states = new Uint8Array(total);  // of any tool
+      this.stands_for = new Uint8Array(total);
+      this.reached_by = new Uint32Array(total);  // a bit for each tool
+    }
     const frame = facts.frame;
     const middle = facts.bounds ? scaled(add(facts.bounds[0], facts.bounds[1]), 0.5) : frame.origin_W;
     this.anchor_steps = middle.map((value, axis) => Math.round((value - frame.origin_W[axis]) / frame.step_m));
@@ -40,7 +47,7 @@ class Points {
   async unpack(block, base64) {
     const bytes = await inflated(base64);
     const n = block.points;
-    if (bytes.length !== PLANES.count * n) throw new Error("a block of points is damaged");
+    if (bytes.length !== this.planes * n) throw new Error("a block of points is damaged");
     const step_m = this.facts.frame.step_m, begin = this.count;
     const low = bytes.subarray.bind(bytes);
     const plane = (index) => low(index * n, (index + 1) * n);
@@ -66,8 +73,25 @@ class Points {
       this.directions[begin + i] = direction[0][i] | direction[1][i] << 8;
       this.scores[begin + i] = score[0][i] | score[1][i] << 8;
     }
+    if (this.facts.tools) this.unpackTools(plane, begin, n);
     this.begins.push(begin);
     this.count += n;
+  }
+
+  unpackTools(plane, begin, n) {
+    const [b0, b1, b2, b3] = [0, 1, 2, 3].map((k) => plane(PLANES.tools + k));
+    this.states.set(plane(PLANES.state), begin);
+    this.stands_for.set(plane(PLANES.tool), begin);
+    for (let i = 0; i < n; ++i) this.reached_by[begin + i] = b0[i] | b1[i] << 8 | b2[i] << 16 | b3[i] << 24;
+  }
+
+  // Shows what one of several tools reaches. @param k  -1 for any
+  showTool(k) {
+    const only_others = LABELS.indexOf("blocked") | REASONS.indexOf("other") << 2, accessible = LABELS.indexOf("accessible");
+    for (let index = 0; index < this.count; ++index) {
+      const state = this.states[index], lost = k >= 0 && (state & 3) === accessible && !(this.reached_by[index] >>> k & 1);
+      this.looks[4 * index] = lost ? only_others : state;
+    }
   }
 
   unpackIds(plane, begin, n) {
@@ -104,6 +128,8 @@ class Points {
       up_W: d === NONE || !this.facts.ups ? null : this.facts.ups.slice(3 * d, 3 * d + 3),
       score: this.scores[index] === NONE ? null : this.scores[index],
       confidence: this.looks[4 * index + 1] / 255,
+      tool: this.facts.tools ? this.stands_for[index] : 0,  // to which direction and score belong
+      tools: this.facts.tools ? this.facts.tools.map((_, k) => k).filter((k) => this.reached_by[index] >>> k & 1) : null,
     };
   }
 
@@ -115,8 +141,8 @@ class Points {
     return -1;
   }
 
-  // The box that holds nearly all points: a few far returns must not make the rest small.
-  usualBox() {
+  // The box that holds all points but a share at each end of each axis: a few far returns must not make the rest small.
+  usualBox(share) {
     const low = [0, 0, 0], high = [0, 0, 0];
     if (this.count === 0) return {low: [-1, -1, -1], high: [1, 1, 1]};
     const every = Math.max(1, Math.floor(this.count / 20000));
@@ -124,8 +150,8 @@ class Points {
       const values = [];
       for (let index = 0; index < this.count; index += every) values.push(this.positions[3 * index + axis]);
       values.sort((a, b) => a - b);
-      low[axis] = values[Math.floor(0.02 * (values.length - 1))];
-      high[axis] = values[Math.ceil(0.98 * (values.length - 1))];
+      low[axis] = values[Math.floor(share * (values.length - 1))];
+      high[axis] = values[Math.ceil((1 - share) * (values.length - 1))];
     }
     return {low, high};
   }

@@ -16,9 +16,11 @@ uniform float disc_px_m, least_px, most_px;  // the disc's diameter in pixels at
 uniform int mode;            // of COLOUR_MODES
 uniform uint hidden;         // one bit per reason
 uniform bool only_marked;
-uniform vec3 reasons[8], labels[3], in_tool, background;
+uniform vec3 reasons[9], labels[3], in_tool, background;
 uniform vec2 heights;        // that the colours span
 uniform vec4 focus;          // a place and a radius: what is farther away fades; 0 = nothing fades
+uniform bool boxed;
+uniform vec3 box_low, box_high;  // what is outside fades
 out vec3 colour;
 flat out vec3 normal_V;      // of the disc, towards the viewer
 flat out float away_m, disc_m;
@@ -48,7 +50,7 @@ void main() {
     return;
   }
   if (marked) colour = in_tool;
-  else if (mode == 0) colour = reasons[min(reason, 7u)];
+  else if (mode == 0) colour = reasons[min(reason, 8u)];
   else if (mode == 1) colour = labels[min(label, 2u)];
   else if (mode == 2) colour = ramp(float(look.y) / 255.0);
   else colour = ramp(clamp((position.z - heights.x) / max(heights.y - heights.x, 1e-6), 0.0, 1.0));
@@ -69,6 +71,7 @@ void main() {
     colour = mix(colour, background, 0.6);
     if (away_m < (to_clip * vec4(focus.xyz, 1.0)).w) gl_PointSize = min(gl_PointSize, 2.0 * scale);  // a haze
   }
+  if (boxed && (any(lessThan(position, box_low)) || any(greaterThan(position, box_high)))) colour = mix(colour, background, 0.75);
   disc_m = disc_radius_m * gl_PointSize / wanted_px;
   // Never quite on edge; and the smaller it looks, the rounder, so that distant surfaces stay closed.
   float tilt = smoothstep(3.0, 12.0, gl_PointSize / scale);

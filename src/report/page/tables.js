@@ -7,10 +7,10 @@ const TABLE_COLUMNS = [
   {name: "", value: (row) => row.id === null ? Infinity : row.id, text: (row) => row.id === null ? "none" : String(row.id)},
   {name: "points", value: (row) => row.points, text: (row) => grouped(row.points)},
   {name: "area", value: (row) => row.area_m2, text: (row) => areaText(row.area_m2)},
-  {name: "reachable", value: (row) => reachableShare(row), text: (row) => percent(row.reasons_m2.none || 0, row.area_m2)},
-  {name: "mostly stopped by", value: (row) => REASON_ORDER.indexOf(mainReason(row)),
-   text: (row) => mainReason(row) ? REASON_WORDS[mainReason(row)].name : ""},
-  {name: "height", value: (row) => heightOf(row), text: (row) => lengthText(heightOf(row))},
+  {name: "reached", title: "share of the area that can be reached", value: (row) => reachableShare(row), text: (row) => percent(row.reasons_m2.none || 0, row.area_m2)},
+  {name: "stopped by", title: "what stops the tool on most of the area", value: (row) => REASON_ORDER.indexOf(mainReason(row)),
+   text: (row) => mainReason(row) ? REASON_WORDS[mainReason(row)].short : "", reason: mainReason},
+  {name: "height", value: (row) => heightOf(row), text: (row) => heightOf(row).toFixed(1) + "\u202fm"},
 ];
 
 function reachableShare(row) { return row.area_m2 > 0 ? (row.reasons_m2.none || 0) / row.area_m2 : 0; }
@@ -21,18 +21,29 @@ function mainReason(row) {
 }
 
 // @param shown  called with a row whose points are to be looked at
-function fillTables(facts, shown) {
+// @param sorting  a Map that keeps, from call to call, by which column each table is sorted, and which row was chosen last
+function fillTables(facts, sorting, shown) {
+  byId("tables").replaceChildren();
   for (const table of facts.tables || []) {
     const columns = TABLE_COLUMNS.map((column, n) => n > 0 ? column : {...column, name: table.attribute});
     const body = element("tbody");
-    let by = 0, up = true;
+    let {by, up} = sorting.get(table.attribute) || {by: 0, up: true};
     const fill = () => {
+      sorting.set(table.attribute, {by, up});
       const value = columns[by].value;
       const rows = [...table.rows].sort((a, b) => (value(a) < value(b) ? -1 : value(a) > value(b) ? 1 : 0) * (up ? 1 : -1));
       body.replaceChildren(...rows.map((row) => {
-        const line = element("tr", "", ...columns.map((column) => element("td", "", column.text(row))));
+        const line = element("tr", "", ...columns.map((column) => {
+          const reason = column.reason && column.reason(row);
+          const cell = element("td", "", ...(reason ? [swatch(REASON_COLOURS[reason])] : []), column.text(row));
+          if (reason) cell.title = REASON_WORDS[reason].name;
+          return cell;
+        }));
         line.tabIndex = 0;
+        const {shown: last} = sorting;
+        line.setAttribute("aria-selected", String(Boolean(last) && last.attribute === table.attribute && last.id === row.id));
         const show = () => {
+          sorting.shown = {attribute: table.attribute, id: row.id};
           for (const other of byId("tables").querySelectorAll("tbody tr")) other.setAttribute("aria-selected", String(other === line));
           shown(row);
         };
@@ -44,6 +55,7 @@ function fillTables(facts, shown) {
     const heads = columns.map((column, n) => {
       const button = element("button", "", column.name);
       button.type = "button";
+      if (column.title) button.title = column.title;
       button.addEventListener("click", () => {
         up = by === n ? !up : n === 0;  // numbers begin with the largest
         by = n;

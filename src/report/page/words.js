@@ -4,7 +4,8 @@
 // What the report says about each reason, and the colours that stand for it.
 
 const LABELS = ["unscored", "accessible", "blocked"];
-const REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed"];
+// The last one is none of points.ply: with one of several tools chosen, what only others reach.
+const REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed", "other"];
 
 // The palette of Okabe and Ito (2008), "Color Universal Design", which colour-blind people can tell apart; grey where
 // too little was seen. The same as in preview.png with --colour reason.
@@ -17,6 +18,7 @@ const REASON_COLOURS = {
   arm: [230, 159, 0],
   tool: [213, 94, 0],
   changed: [240, 228, 66],
+  other: [46, 48, 54],
 };
 const LABEL_COLOURS = {unscored: [150, 152, 156], accessible: [0, 158, 115], blocked: [213, 94, 0]};
 const IN_TOOL_COLOUR = [250, 228, 40];
@@ -24,47 +26,61 @@ const IN_TOOL_COLOUR = [250, 228, 40];
 const LABEL_WORDS = {unscored: "not judged", accessible: "reachable", blocked: "not reachable"};
 
 // Order of the list: good news first, then what can be changed most easily.
-const REASON_ORDER = ["none", "tool", "arm", "unknown", "unseen", "normal", "confidence", "changed"];
+const REASON_ORDER = ["none", "other", "tool", "arm", "unknown", "unseen", "normal", "confidence", "changed"];
 const REASON_WORDS = {
   none: {
     name: "Reachable",
+    short: "",  // in tables
     means: "The tool fits here in at least one direction, and the way in was seen to be free.",
     todo: "A candidate. Check the way of the whole machine.",
   },
   tool: {
     name: "Tool collides",
+    short: "tool",
     means: "The tool would touch something, even in the best direction.",
     todo: "Use another tool, or another point.",
   },
   arm: {
     name: "Way in is blocked",
+    short: "way in",
     means: "Something stands in the straight way in.",
     todo: "Use another point. If the obstacle was cut or has moved, make a new map.",
   },
   unknown: {
     name: "Way in was never seen",
+    short: "not seen",
     means: "The straight way in runs through space that no scan has looked at.",
     todo: "Go there and scan.",
   },
   unseen: {
     name: "Seen from other sides only",
+    short: "other side",
     means: "The point was never seen from a side that the tool could come from.",
     todo: "Scan from that side.",
   },
   normal: {
     name: "No direction fits the surface",
+    short: "direction",
     means: "No approach direction comes near enough to the surface's normal, as on level ground.",
     todo: "Not for this tool and these directions.",
   },
   confidence: {
     name: "Seen too rarely",
+    short: "too few",
     means: "Too few measurements to judge.",
     todo: "Scan longer, or from nearer.",
   },
   changed: {
     name: "Has gone",
+    short: "gone",
     means: "What was measured here is no longer there: rays went through it.",
     todo: "Nothing: there is no surface here any more.",
+  },
+  other: {
+    name: "By another tool only",
+    short: "other tool",
+    means: "The chosen tool does not reach it, another one of the run does.",
+    todo: "Take one that its card names.",
   },
 };
 

@@ -37,18 +37,34 @@ std::string valueOf(const char* flag, const std::vector<std::string>& given, std
 
 }  // namespace
 
-void addToolsOptions(FlagParser& flags, MapOptions& options) {
-  flags.repeated("--tool", &options.tool.tool,
+namespace {
+
+void addTool(FlagParser& flags, ToolOptions& options) {
+  flags.repeated("--tool", &options.tool,
                  "tool mesh, or builtin:pencil or builtin:pruner; for several tools once for each, and the flags that "
                  "belong to a tool once for all or once for each, in their order; - leaves one out");
+}
+
+void addToolFrame(FlagParser& flags, ToolOptions& options) {
+  flags.repeated("--tool-unit", &options.unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
+  flags.repeated("--tool-tip", &options.tip, "X,Y,Z of the tool's tip, in the mesh's own units and frame");
+  flags.repeated("--tool-axis", &options.axis,
+                 "direction from the tip along the body, in the mesh's frame: X,Y,Z or x, -x, y ...");
+  flags.repeated("--tool-up", &options.up, "direction that becomes up, in the mesh's frame: X,Y,Z or x, -x, y ...");
+}
+
+}  // namespace
+
+void addToolPlaces(FlagParser& flags, ToolOptions& options) {
+  addTool(flags, options);
+  addToolFrame(flags, options);
+}
+
+void addToolsOptions(FlagParser& flags, MapOptions& options) {
+  addTool(flags, options.tool);
   flags.repeated("--tool-name", &options.tool_name,
                  "name of a tool in the results, of letters, digits, _ and -; default: from its file");
-  flags.repeated("--tool-unit", &options.tool.unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
-  flags.repeated("--tool-tip", &options.tool.tip, "X,Y,Z of the tool's tip, in the mesh's own units and frame");
-  flags.repeated("--tool-axis", &options.tool.axis,
-                 "direction from the tip along the body, in the mesh's frame: X,Y,Z or x, -x, y ...");
-  flags.repeated("--tool-up", &options.tool.up,
-                 "direction that becomes up, in the mesh's frame: X,Y,Z or x, -x, y ...");
+  addToolFrame(flags, options.tool);
   flags.repeated(
       "--max-collisions", &options.max_collisions,
       "most voxels that may collide in a free direction: auto (the rule, the default), a number, or a volume "
@@ -96,7 +112,12 @@ double largestShareHidden(const std::vector<ToolSpec>& tools, const FieldParams&
 void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& tools, const FieldParams& params,
                        double share, Messages& messages) {
   if (share <= kMostHidden || options.allow_hidden_tool) {
-    if (const auto warning = hiddenToolWarning(share)) messages.warning(warning->id, warning->text);
+    for (const ToolSpec& tool : tools) {
+      const double of_tool = tools.size() > 1 ? toolShareHidden(tool.tool, toolParams(tool, params)) : share;
+      const auto warning = hiddenToolWarning(of_tool);
+      if (!warning) continue;
+      messages.warning(warning->id, tools.size() == 1 ? warning->text : "tool " + tool.name + ": " + warning->text);
+    }
     return;
   }
   const double voxel_m = params.tsdf.voxel_size_m;

@@ -18,6 +18,8 @@ inline constexpr double kVoxels_m[] = {0.001, 0.002, 0.003, 0.005, 0.01, 0.02, 0
 /// Adds --tool and the flags that belong to one, each of which may be repeated. --orientations and --rolls are added by
 /// addOrientationOptions().
 void addToolsOptions(FlagParser& flags, MapOptions& options);
+/// Only what says where each tool is read from and how it is held.
+void addToolPlaces(FlagParser& flags, ToolOptions& options);
 
 /// Adds --allow-open-tool and --allow-hidden-tool, for verbs whose labels such a tool would make worthless.
 void addDoubtfulToolOptions(FlagParser& flags, MapOptions& options);

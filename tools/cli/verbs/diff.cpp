@@ -39,6 +39,8 @@ Json jsonDiff(const io::PointsDiff& diff) {
   for (int n = 0; n < io::kNumPointChanges; ++n) {
     json[name(static_cast<io::PointChange>(n))] = diff.changes[static_cast<std::size_t>(n)];
   }
+  for (const auto& tool : diff.tools)
+    json["tools"].push_back({{"name", tool.name}, {"opened", tool.opened}, {"closed", tool.closed}});
   json["transitions"] = Json::array();
   for (const auto& transition : diff.transitions) {
     json["transitions"].push_back({{"label_before", name(transition.label_before)},
@@ -71,6 +73,11 @@ std::string wordsOf(const io::PointsDiff& diff) {
   words += line("same label", diff.same);
   for (int n = 0; n < io::kNumPointChanges; ++n) {
     words += line(name(static_cast<io::PointChange>(n)), diff.changes[static_cast<std::size_t>(n)]);
+  }
+  if (!diff.tools.empty()) words += "by tool\n";
+  for (const auto& tool : diff.tools) {
+    words += line("opened for " + tool.name, tool.opened);
+    words += line("closed for " + tool.name, tool.closed);
   }
   if (!diff.transitions.empty()) words += "by label and reason, before -> after\n";
   for (const auto& transition : diff.transitions) {
@@ -120,7 +127,9 @@ io::ResultPage pageOf(const io::PointsDiff& diff, const std::vector<fs::path>& a
   const auto count = [&](io::PointChange change) { return diff.changes[static_cast<std::size_t>(change)]; };
   page.sentences = {"The earlier map has " + std::to_string(diff.points_before) + " surface points, the later one " +
                         std::to_string(diff.points_after) + "; " + std::to_string(diff.same) + " have the same label.",
-                    "Of those that both have, the tool reaches " + std::to_string(count(io::PointChange::Opened)) +
+                    std::string("Of those that both have, ") +
+                        (diff.tools.empty() ? "the tool reaches " : "one of the tools reaches ") +
+                        std::to_string(count(io::PointChange::Opened)) +
                         " that it did not reach before, and no longer " +
                         std::to_string(count(io::PointChange::Closed)) + "."};
   for (const std::string& parameter : diff.other_parameters)
@@ -144,7 +153,14 @@ io::ResultPage pageOf(const io::PointsDiff& diff, const std::vector<fs::path>& a
                             stateInWords(transition.label_after, transition.reason_after),
                             std::to_string(transition.points)});
   }
-  page.tables = {kinds, reasons};
+  page.tables = {kinds};
+  if (!diff.tools.empty()) {
+    io::ResultPage::Table tools = {"By tool", {"tool", "reached now, and was not", "was reached, and is not now"}, {}};
+    for (const auto& tool : diff.tools)
+      tools.rows.push_back({tool.name, std::to_string(tool.opened), std::to_string(tool.closed)});
+    page.tables.push_back(tools);
+  }
+  page.tables.push_back(reasons);
   page.visit = [&diff, after](const io::ResultPage::TakeMarked& take) {
     for (const fs::path& file : after) {
       io::visitPoints(file, [&](const SurfacePoint& point) { take(point.position_W, std::nullopt); });

@@ -64,7 +64,9 @@ void checkOptions(const ExportFiles& options) {
 SurveyFrame frameOf(const std::vector<fs::path>& points, Messages& messages) {
   for (const fs::path& ply : points) {
     const fs::path las = ply.parent_path() / "points.las";
-    if (io::isFile(las)) return io::frameOfLas(las);
+    if (!io::isFile(las)) continue;
+    SurveyFrame frame = io::frameOfLas(las);
+    if (frame.hasSystem()) return frame;
   }
   messages.warning("export.no_frame",
                    "no points.las says in which coordinate system the map is, nor does --crs: the files say none");

@@ -3,13 +3,16 @@
 /// accessvdb report: a field as one page for a browser.
 #include "verbs/html_report.h"
 
+#include <deque>
 #include <nlohmann/json.hpp>
-#include <optional>
+#include <utility>
+#include <vector>
 
 #include "accessvdb/error.h"
 #include "accessvdb/program/html_report.h"
 #include "accessvdb/program/path_facts.h"
 #include "options/command_line.h"
+#include "options/tools_given.h"
 #include "output/output_files.h"
 #include "output/output_record.h"
 #include "output/stop_signal.h"
@@ -21,26 +24,32 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What report.json says that the run's tool was; empty without a readable one.
-ToolOptions toolOfRun(const fs::path& folder) {
-  ToolOptions tool;
+/// What report.json says that the run's tools were, in their order; of a run that does not say it, one without a name.
+std::vector<ToolOptions> toolsOfRun(const fs::path& folder) {
   const nlohmann::json report = nlohmann::json::parse(io::contentAt(folder / "report.json"), nullptr, false);
-  if (!report.is_object() || !report.contains("parameters") || !report["parameters"].is_object()) return tool;
-  if (report.contains("tools")) return tool;  // of several, the page draws none
-  const auto text = [&](const char* key) {
-    const auto found = report["parameters"].find(key);
-    return found != report["parameters"].end() && found->is_string() ? found->get<std::string>() : std::string();
+  const auto toolIn = [](const nlohmann::json& object) {
+    const auto text = [&](const char* key) {
+      const auto found = object.is_object() ? object.find(key) : object.end();
+      return found != object.end() && found->is_string() ? found->get<std::string>() : std::string();
+    };
+    return ToolOptions{text("tool"), text("tool_unit"), text("tool_tip"), text("tool_axis"), text("tool_up")};
   };
-  return {text("tool"), text("tool_unit"), text("tool_tip"), text("tool_axis"), text("tool_up")};
+  std::vector<ToolOptions> tools;
+  if (report.is_object() && report.contains("tools") && report["tools"].is_array()) {
+    for (const nlohmann::json& tool : report["tools"]) tools.push_back(toolIn(tool));
+  } else if (report.is_object() && report.contains("parameters")) {
+    tools.push_back(toolIn(report["parameters"]));
+  }
+  if (tools.empty()) tools.emplace_back();
+  return tools;
 }
 
 bool isBuiltin(const std::string& tool) { return tool.starts_with("builtin:"); }
 
 /// The tool to draw: the given one, placed as in the run where the flags do not say how; else the run's, if it needs no
-/// file.
-std::optional<ToolOptions> toolToDraw(ToolOptions given, const fs::path& folder) {
-  const ToolOptions of_run = toolOfRun(folder);
-  if (given.tool.empty()) return isBuiltin(of_run.tool) ? std::optional(of_run) : std::nullopt;
+/// file. Without a name there is none.
+ToolOptions toolToDraw(ToolOptions given, const ToolOptions& of_run) {
+  if (given.tool.empty()) return isBuiltin(of_run.tool) ? of_run : ToolOptions();
   const bool placed = !given.unit.empty() || !given.tip.empty() || !given.axis.empty() || !given.up.empty();
   if (placed || isBuiltin(given.tool) || isBuiltin(of_run.tool)) return given;
   const std::string file = given.tool;
@@ -49,12 +58,32 @@ std::optional<ToolOptions> toolToDraw(ToolOptions given, const fs::path& folder)
   return given;
 }
 
+/// One for each tool of the run.
+std::vector<ToolOptions> toolsToDraw(const ToolOptions& given, const fs::path& folder) {
+  std::vector<ToolOptions> drawn = toolsOfRun(folder);
+  MapOptions all;
+  all.tool = given;
+  std::vector<MapOptions> each = optionsOfEach(all);
+  if (given.tool.empty()) {
+    each.resize(drawn.size(), each.front());
+  } else if (each.size() != drawn.size()) {
+    throw InvalidArgument(
+        "usage.tool", "--tool",
+        "is given " + std::to_string(each.size()) + " times, and the map has " + std::to_string(drawn.size()) +
+            (drawn.size() == 1 ? " tool" : " tools"),
+        "Give it once for each tool of the map, in their order; - leaves one out; without it built-in tools are drawn");
+  }
+  for (std::size_t k = 0; k < drawn.size(); ++k) {
+    drawn[k] = each[k].tool.tool == "-" ? ToolOptions() : toolToDraw(each[k].tool, drawn[k]);
+  }
+  return drawn;
+}
+
 }  // namespace
 
 void writePage(const PageSources& sources, Messages& messages) {
   io::HtmlReportOptions options;
-  options.tool = sources.tool;
-  options.tool_file = sources.tool_file;
+  options.tools = sources.tools;
   options.allow_changed = sources.allow_changed;
   options.title = sources.header.title;
   options.client = sources.header.client;
@@ -86,6 +115,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
       "to do about it, the tool in place.",
       "accessvdb report --map out/ --out report.html\n"
       "  accessvdb report --map out/ --tool pruner.stl --out report.html\n"
+      "  accessvdb report --map out/ --tool pruner.stl --tool builtin:pencil --out report.html\n"
       "  accessvdb report --map out/ --title \"Pruning plan\" --client \"City of X\" --site \"Oak Lane\" --out "
       "report.html");
   addCommonOptions(flags, common);
@@ -95,7 +125,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
                "draw at most so many points; one per cube and reason where there are more");
   PageSources sources;
   addPageHeader(flags, sources.header, "the folder's name");
-  addToolOptions(flags, tool_options);
+  addToolPlaces(flags, tool_options);
   addAllowChanged(flags, allow_changed);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
@@ -108,19 +138,27 @@ int runReport(const Arguments& arguments, Messages& messages) {
                           "must be " + std::to_string(io::HtmlReportOptions::kLeastPoints) + " or more");
   }
   endOnStopSignals(messages);
-  const auto drawn = toolToDraw(tool_options, map);
-  requireNoInputs({out}, joined(joined(filesOfTools(drawn.value_or(ToolOptions())), {common.config}), filesOfMap(map)));
-  std::optional<ToolGeometry> tool;
-  if (drawn) {
-    tool = loadTool(*drawn);
-    sayToolNotes(*tool, messages);
-  } else {
+  const std::vector<ToolOptions> drawn = toolsToDraw(tool_options, map);
+  auto inputs = joined({common.config}, filesOfMap(map));
+  for (const ToolOptions& tool : drawn) inputs = joined(std::move(inputs), filesOfTools(tool));
+  requireNoInputs({out}, inputs);
+  std::deque<ToolGeometry> tools;  // whose addresses stay
+  for (const ToolOptions& tool : drawn) {
+    io::DrawnTool& next = sources.tools.emplace_back();
+    if (tool.tool.empty()) continue;
+    next.geometry = &tools.emplace_back(loadTool(tool));
+    if (!isBuiltin(tool.tool)) next.file = tool.tool;
+    sayToolNotes(tools.back(), messages);
+  }
+  if (tools.empty()) {
+    sources.tools.clear();
     messages.notice("no tool in the page: name the run's tool with --tool to see it in place");
+  } else if (tools.size() < drawn.size()) {
+    messages.notice(
+        "not all tools are in the page: name each with --tool, in the order of the run, to see it in place");
   }
   sources.html = out;
   sources.folder = map;
-  sources.tool = tool ? &*tool : nullptr;
-  if (drawn && !isBuiltin(drawn->tool)) sources.tool_file = drawn->tool;
   sources.most_points = most_points;
   sources.allow_changed = allow_changed;
   writePage(sources, messages);

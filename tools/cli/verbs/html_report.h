@@ -5,7 +5,9 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <vector>
 
+#include "accessvdb/program/html_report.h"
 #include "options/options.h"
 #include "options/page_options.h"
 #include "output/error_output.h"
@@ -14,10 +16,9 @@ namespace accessvdb::tools {
 
 struct PageSources {
   std::filesystem::path html, folder;
-  const ToolGeometry* tool = nullptr;  ///< to be drawn
-  std::filesystem::path tool_file;     ///< it was read from
-  std::uint64_t most_points = 0;       ///< 0 = the library's limit
-  bool allow_changed = false;          ///< of the folder's files
+  std::vector<io::DrawnTool> tools;  ///< to be drawn
+  std::uint64_t most_points = 0;     ///< 0 = the library's limit
+  bool allow_changed = false;        ///< of the folder's files
   PageHeader header;
 };
 /// Writes the page, and says what it holds and what is odd about it. @throws what io::writeHtmlReport() throws

@@ -400,7 +400,7 @@ void MapRun::writeViews(const std::vector<ToolSpec>& tools) {
     return;
   }
   sources.folder = options_.out;
-  if (tools.size() == 1) sources.tool = &tools.front().tool;  // the page draws one
+  for (const ToolSpec& tool : tools) sources.tools.push_back({&tool.tool});
   writePage(sources, messages_);
 }
 
