@@ -58,6 +58,11 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
   const FieldSnapshot expected = unlimited.snapshot();
   EXPECT_EQ(differences(expected, rolling.snapshot()), 0U);
   expectVaried(expected);
+  if (test.change == ChangeMode::Full) {
+    const auto gone = std::ranges::count(expected.points, PointReason::Changed, &SurfacePoint::reason);
+    std::cout << test.name << ": " << gone << " of " << expected.points.size() << " points have gone\n";
+    EXPECT_GT(gone, 100);
+  }
   const RollingStatus status = rolling.status();
   EXPECT_LT(most_in_memory, status.tiles);
   EXPECT_GT(status.loaded, 0U);
@@ -444,7 +449,12 @@ std::vector<Case> cases() {
                            {.name = "every_third", .seed = 3, .change = ChangeMode::Block, .update_every = 3},
                            {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = 0.5},
                            {.name = "two_tools", .seed = 5, .change = ChangeMode::Block, .update_every = 5, .tools = 2},
-                           {.name = "ray_cloud", .seed = 6, .ray_cloud = true}};
+                           {.name = "ray_cloud", .seed = 6, .ray_cloud = true},
+                           {.name = "full", .seed = 20, .change = ChangeMode::Full},
+                           {.name = "full_ray_cloud", .seed = 21, .change = ChangeMode::Full, .ray_cloud = true},
+                           {.name = "full_two_tools", .seed = 22, .change = ChangeMode::Full, .update_every = 5, .tools = 2},
+                           {.name = "full_at_the_end", .seed = 23, .change = ChangeMode::Full, .update_every = 0, .memory_share = 0.5},
+                           {.name = "full_forgets", .seed = 24, .change = ChangeMode::Full, .free_for_s = 1}};
   for (int n = 0; n < worlds(0); ++n) {
     std::mt19937_64 random(1000 + n);
     all.push_back({.name = "world_" + std::to_string(n),

@@ -46,6 +46,7 @@ struct Case {
   int tools = 1;
   bool ray_cloud = false;
   double memory_share = 0.7;  ///< of what all tiles take
+  double free_for_s = std::numeric_limits<double>::infinity();
 };
 inline void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
 
@@ -67,6 +68,7 @@ inline std::vector<Step> walk(const Case& test, int steps = 40) {
   std::mt19937_64 random(test.seed);
   struct Board {
     Eigen::Vector3d corner, along, up;
+    int until = 1 << 20;  ///< step in which it goes
   };
   std::vector<Board> boards;
   for (int n = 0; n < 160; ++n) {
@@ -75,6 +77,12 @@ inline std::vector<Step> walk(const Case& test, int steps = 40) {
                       {length * std::cos(heading), length * std::sin(heading), 0},
                       {uniform(random, -0.1, 0.1), uniform(random, -0.1, 0.1), uniform(random, 0.2, 1.5)}});
   }
+  const bool goes = test.change == ChangeMode::Full;
+  if (goes) {
+    // Most go while they are seen, or between two visits; rays are then to what is behind them.
+    for (Board& board : boards)
+      if (random() % 3 != 0) board.until = static_cast<int>(uniform(random, 0.2, 0.9) * steps);
+  }
   std::vector<Step> walk;
   for (int s = 0; s < steps; ++s) {
     Step& step = walk.emplace_back();
@@ -82,9 +90,11 @@ inline std::vector<Step> walk(const Case& test, int steps = 40) {
     const Eigen::Vector3d sensor_W(x, uniform(random, -1, 1), uniform(random, 0, 1));
     std::vector<Board> near;
     for (const Board& board : boards)
-      if ((board.corner - sensor_W).norm() < 4) near.push_back(board);
+      if ((board.corner - sensor_W).norm() < (goes ? 7 : 4) && s < board.until) near.push_back(board);
+    if (goes && s % 5 == 3)  // only what is far: rays that cross tiles without a return there
+      std::erase_if(near, [&](const Board& board) { return (board.corner - sensor_W).norm() < 6; });
     if (s % 11 == 7) near.clear();  // nothing in view
-    for (int n = 0; n < 1500 && !near.empty(); ++n) {
+    for (int n = 0; n < (goes ? 8000 : 1500) && !near.empty(); ++n) {
       const Board& board = near[random() % near.size()];
       const Eigen::Vector3d noise(uniform(random, -0.02, 0.02), uniform(random, -0.02, 0.02),
                                   uniform(random, -0.02, 0.02));
@@ -111,6 +121,7 @@ inline FieldParams paramsOf(const Case& test) {
   FieldParams params = cpuParams(kVoxel_m);
   params.backend = backendNamedBy("ACCESSVDB_TILE_DEVICE");
   params.change.mode = test.change;
+  params.change.free_for_s = test.free_for_s;
   return params;
 }
 
