@@ -23,8 +23,7 @@ std::uint64_t blockOf(Pass pass) { return pass >> 9; }
 }  // namespace
 
 std::int32_t shadowCells(const TsdfParams& resolved) {
-  return static_cast<std::int32_t>(
-      std::ceil((resolved.truncation_distance_m / resolved.voxel_size_m + 1) / kCellEdge));
+  return static_cast<std::int32_t>(std::ceil((resolved.truncation_distance_m / resolved.voxel_size_m + 1) / kCellEdge));
 }
 
 GoneCells::GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved,

@@ -165,8 +165,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   void addCrossed(const internal::GatedScan& scan, std::vector<TileIndex>& ids) {
     std::vector<std::pair<double, TileIndex>> order;
     for (const TileIndex& id : ray_sorter.sort(scan, [this](const TileIndex& tile) { return tiles.has(tile); })) {
-      if (std::find(ids.begin(), ids.end(), id) == ids.end())
-        order.emplace_back(distance_m(id, scan.q_L.front()), id);
+      if (std::find(ids.begin(), ids.end(), id) == ids.end()) order.emplace_back(distance_m(id, scan.q_L.front()), id);
     }
     std::sort(order.begin(), order.end());
     for (const auto& [distance, id] : order) ids.push_back(id);

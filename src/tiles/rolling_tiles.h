@@ -153,8 +153,8 @@ class RollingTiles {
 
   /// Saves what has changed of the tiles in memory, which stay there. @return all tiles, for restore()
   [[nodiscard]] Json saveAll();
-  /// Of a folder where another object has called saveAll(). Only while there are no tiles; labels are as of now. What else a process that was
-  /// killed has left there goes.
+  /// Of a folder where another object has called saveAll(). Only while there are no tiles; labels are as of now. What
+  /// else a process that was killed has left there goes.
   /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write
   void restore(const Json& tiles, std::vector<std::string> lost, const MapTime& now);
   /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go. Nothing

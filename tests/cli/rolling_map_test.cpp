@@ -35,8 +35,9 @@ class RollingMap : public ProgramTest {
     if (at == std::string::npos) return "1G";
     return std::to_string(std::atoi(refused.err.c_str() + at + key.size()) + 48) + "M";
   }
-  void expectOnePiece(const std::string& out) const {
-    ASSERT_EQ(runProgram(arguments({"--tiles", "off", "--out", path("one")})).exit_code, 0);
+  void expectOnePiece(const std::string& out, std::vector<std::string> more = {}) const {
+    more.insert(more.end(), {"--tiles", "off", "--out", path("one")});
+    ASSERT_EQ(runProgram(arguments(more)).exit_code, 0);
     ASSERT_NE(readText("one/report.json").find("\"accessible\": "), std::string::npos);
     const ProgramResult merged =
         runProgram({"tile", "merge", path(out), "--points", path("all.ply"), "--vdb", path("all.vdb")});
@@ -63,6 +64,21 @@ TEST_F(RollingMap, TilesThatLeaveGiveTheBytesOfOnePiece) {
   const std::string report = readText("one/report.json");
   EXPECT_EQ(report.find("\"accessible\": 0,"), std::string::npos);
   EXPECT_EQ(report.find("\"blocked\": 0,"), std::string::npos);
+}
+
+/// Rays are evidence in each tile that they cross.
+TEST_F(RollingMap, WhatHasGoneHasGoneInTilesToo) {
+  writeRollingWorld({.scans = 64, .returns = 8000, .returns_home = true, .boards_go = true}, folder_);
+  const std::vector<std::string> full = {"--change", "full", "--free-for", "20"};
+  std::vector<std::string> more = full;
+  more.insert(more.end(), {"--out", path("out"), "--max-memory", littleMemory()});
+  const ProgramResult run = runProgram(rolling(more));
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_GT(saved(run.err), 3) << run.err;
+  EXPECT_EQ(run.err.find("rolling.short"), std::string::npos) << run.err;
+  expectOnePiece("out", full);
+  EXPECT_NE(readText("one/report.json").find("\"changed\": "), std::string::npos);
+  EXPECT_EQ(readText("one/report.json").find("\"changed\": 0"), std::string::npos);
 }
 
 TEST_F(RollingMap, AStoppedRunGoesOn) {

@@ -47,9 +47,6 @@ std::optional<std::string> whyNotRolling(const MapOptions& options, const FieldP
   }
   if (isSameFolder(options.out, options.rolling)) return "--out is the same folder; the result needs one of its own";
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
-  if (params.change.mode == ChangeMode::Full) {
-    return "--change full reads rays whose returns lie in other tiles; use --change block";
-  }
   return std::nullopt;
 }
 
