@@ -68,7 +68,7 @@ TEST_F(RollingMap, TilesThatLeaveGiveTheBytesOfOnePiece) {
 
 /// Rays are evidence in each tile that they cross.
 TEST_F(RollingMap, WhatHasGoneHasGoneInTilesToo) {
-  writeRollingWorld({.scans = 64, .returns = 8000, .returns_home = true, .boards_go = true}, folder_);
+  writeRollingWorld({.scans = 140, .step_m = 1.6, .returns = 8000, .returns_home = true, .boards_go = true}, folder_);
   const std::vector<std::string> full = {"--change", "full", "--free-for", "20"};
   std::vector<std::string> more = full;
   more.insert(more.end(), {"--out", path("out"), "--max-memory", littleMemory()});
