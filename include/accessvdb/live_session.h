@@ -22,7 +22,8 @@
 /// `accessvdb map --update-every 1`. Clocks only measure; nothing is decided by them.
 ///
 /// What is left out blocks: a return for which there was no memory or no time never makes a point accessible
-/// (AccessibilityField::stopGrowing(), leaveOut()). Only returns without a pose are merely counted. Where more scans
+/// (AccessibilityField::stopGrowing(), leaveOut()). With LiveOptions::rolling the memory limit leaves nothing out: what
+/// the sensor has left goes into a folder. Only returns without a pose are merely counted. Where more scans
 /// were lost before their poses came than can be remembered, nothing is accessible any more (LiveStatus::all_closed).
 #pragma once
 
@@ -41,6 +42,7 @@
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/region.h"
+#include "accessvdb/rolling_field.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
@@ -91,6 +93,10 @@ struct LiveOptions {
   /// returns for which it has no place are left out, counted, and block; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
   std::size_t update_every = 1;  ///< scans that are fused before the next labels
+  /// A map of any extent in bounded memory (RollingField) in place of one field. Its limits are memory_limit_bytes and
+  /// device_limit_bytes of these options; notes_changes is always on.
+  std::optional<RollingOptions> rolling = {};
+  bool resume = false;  ///< of `rolling`: go on after its last checkpoint
 };
 
 /// The pose of the platform at one time.
@@ -205,7 +211,8 @@ struct LiveStatus {
   std::uint64_t surface_points = 0;
   std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
   std::uint64_t memory_limit_bytes = 0;
-  bool memory_full = false;  ///< no new space is taken any more
+  bool memory_full = false;                   ///< no new space is taken any more
+  std::optional<RollingStatus> rolling = {};  ///< of LiveOptions::rolling, after the last step
   /// So many scans were lost before their poses came that what they saw may be anywhere: nothing is accessible any
   /// more.
   bool all_closed = false;
@@ -226,8 +233,8 @@ struct LiveStatus {
 /// be called from any thread at any time; everything else from one thread at a time.
 class ACCESSVDB_API LiveSession {
  public:
-  /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "usage.update_every"; what AccessibilityField's
-  /// constructor throws
+  /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "usage.update_every"; what the constructors of
+  ///         AccessibilityField and, of LiveOptions::rolling, RollingField throw, or RollingField::resume()
   LiveSession(const ToolGeometry& tool, const FieldParams& params = {}, const LiveOptions& options = {});
   /// Several tools over one map, as AccessibilityField. @param progress  of the tools' tables
   explicit LiveSession(std::vector<ToolSpec> tools, const FieldParams& params = {}, const LiveOptions& options = {},
@@ -253,23 +260,29 @@ class ACCESSVDB_API LiveSession {
   bool waitForWork(std::chrono::milliseconds at_most);
   /// Fuses the oldest scan that has a pose, and scores what it changed.
   /// @return nothing if no scan is ready
-  /// @throws what AccessibilityField::integrateScan() and update() throw; that scan then counts as failed
+  /// @throws what AccessibilityField::integrateScan() and update() throw, or those of RollingField; that scan then
+  ///         counts as failed
   /// @throws UnusableInput "level.no_imu", "level.moving": no scan will have a pose
   std::optional<LiveStep> step();
 
   /// From now on scans that come are dropped as paused, or taken again. Those that wait keep their turn.
   void pause(bool paused);
   /// The map is forgotten, and points are counted from 0 again. Poses and transforms are kept, scans that wait are
-  /// dropped; scans may have earlier times than before.
+  /// dropped; scans may have earlier times than before. @throws InvalidArgument "live.rolling": not of a rolling map
   void reset();
-  /// As AccessibilityField::removeRegion() and update().
+  /// As AccessibilityField::removeRegion() and update(). @throws InvalidArgument "live.rolling": not of a rolling map
   [[nodiscard]] LiveRemoval removeRegion(const Region& region, RemovedAs as = RemovedAs::Unknown);
 
   [[nodiscard]] LiveStatus status() const;
   /// The scans dropped since the last call, the last 1024 at most; all are counted in status().
   [[nodiscard]] std::vector<DroppedScan> takeDropped();
-  /// As of the last step().
+  /// As of the last step(). @throws InvalidArgument "live.rolling" of a rolling map
   [[nodiscard]] const AccessibilityField& field() const;
+  /// The map of LiveOptions::rolling, for checkpoint(), snapshots and write(); else null. Scans only go in by step().
+  [[nodiscard]] RollingField* rolling();
+  [[nodiscard]] const FieldParams& params() const;  ///< resolved, for the first tool
+  [[nodiscard]] const std::vector<ToolSpec>& tools() const;
+  [[nodiscard]] Eigen::Vector3d origin_W() const;  ///< of the local frame of the map
   /// What turns the frame of the poses into that of the map; nothing as long as it is the same, or not known yet.
   [[nodiscard]] std::optional<Eigen::Matrix3d> levelling() const;
   /// Whether the scans agree, of the latest ones that were compared (accessvdb/program/scan_agreement.h).

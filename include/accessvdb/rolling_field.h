@@ -39,6 +39,8 @@ struct RollingOptions {
   /// Edge of a tile: FieldWindow::kEdge times a power of two, at least twice the margin that the tool needs. 0 = rule:
   /// from that margin and max_range_m, so that few returns are kept twice and little is held that no scan reaches.
   std::int32_t tile_voxels = 0;
+  bool notes_changes =
+      false;  ///< whether takeChanged() is asked for: 4 bytes for each point in memory, and 4 of several tools
 };
 
 struct RollingStatus {
@@ -49,6 +51,7 @@ struct RollingStatus {
   std::uint64_t saved = 0, loaded = 0;               ///< how often a tile left, and came back
   std::uint64_t saved_ahead = 0, loaded_ahead = 0;   ///< of these: begun beside the steps, before it was needed
   std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< of the tiles in memory
+  std::uint64_t peak_memory_bytes = 0;               ///< the most that memory_bytes was
   /// In the last step: not all tiles that the scan touched fitted. What was left out blocks, for good.
   bool memory_short = false;
   double fitting_range_m = 0;  ///< then: the range within which all tiles fitted
@@ -97,16 +100,26 @@ class ACCESSVDB_API RollingField {
                            std::optional<double> stamp_s = {});
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
                            std::optional<double> stamp_s = {});
+  /// As AccessibilityField::leaveOut(), for tiles that will be made, too. Shows with the next update().
+  void leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m);
   /// Scores what changed since the last update(). @throws OutputError afterwards, where a tile cannot be saved
   UpdateStats update();
+  /// Points of tiles in memory that are new, or whose label, reason or direction changed with an update(), or which of
+  /// several tools reach them, since the last call; by ids. Those of tiles that lie in the folder come with the first
+  /// update() after they are back.
+  /// @throws InvalidArgument "rolling.changes" without RollingOptions::notes_changes
+  [[nodiscard]] std::vector<SurfacePoint> takeChanged();
 
   /// All points, tile by tile; in a tile by their ids. Tiles are loaded for it one at a time.
   void forEachTile(const std::function<void(std::span<const SurfacePoint> points)>& take);
+  /// Points of the tiles in memory, by ids: those around the sensor.
+  [[nodiscard]] FieldSnapshot snapshotInMemory();
   /// The same at once, by ids.
   [[nodiscard]] FieldSnapshot snapshot();
   [[nodiscard]] RollingStatus status() const;
   [[nodiscard]] const FieldParams& params() const;  ///< resolved, for the first tool
-  [[nodiscard]] Eigen::Vector3d origin_W() const;   ///< of the local frame; set by the first scan
+  [[nodiscard]] const std::vector<ToolSpec>& tools() const;
+  [[nodiscard]] Eigen::Vector3d origin_W() const;  ///< of the local frame; set by the first scan
 
   /// Updates, and makes a folder like that of `map --tiles`: tiles/NAME/, plan.json and field.json, for
   /// `tile merge` and whatever reads such a folder. @return its tiles @throws OutputError "output.foreign"

@@ -53,8 +53,8 @@ std::unique_ptr<Session> makeSession(const py::object& tool, const py::object& p
                                      const py::object& queue_scans, const py::object& most_poses,
                                      const py::object& memory_limit_bytes, const py::object& T_B_S,
                                      const py::object& exclude_box_S, const py::object& max_gap_s,
-                                     const py::object& deskew, const py::object& update_every,
-                                     const py::object& level) {
+                                     const py::object& deskew, const py::object& update_every, const py::object& level,
+                                     const std::optional<std::filesystem::path>& rolling, const py::object& resume) {
   requireOneOf(tool, tools);
   const FieldParams given = fieldParamsFrom(params);
   LiveOptions options;
@@ -65,6 +65,8 @@ std::unique_ptr<Session> makeSession(const py::object& tool, const py::object& p
   options.deskew = settingFrom<io::Deskew>("deskew", deskew);
   options.update_every = static_cast<std::size_t>(wholeNumberFrom("update_every", update_every, 0, 1'000'000));
   if (!level.is_none()) options.level = levelFrom(level);
+  if (rolling) options.rolling = RollingOptions{.folder = *rolling};
+  options.resume = boolFrom("resume", resume);
   if (!T_B_S.is_none()) options.T_B_S = poseOf("T_B_S", T_B_S);
   if (!exclude_box_S.is_none()) {
     const std::vector<double> box = numbers1("exclude_box_S", exclude_box_S, 6);
@@ -138,7 +140,7 @@ struct Step {
 };
 
 FieldSnapshot changedIn(const LiveSession& session, std::vector<SurfacePoint> points) {
-  return {std::move(points), session.field().origin_W(), session.field().params().tsdf.voxel_size_m};
+  return {std::move(points), session.origin_W(), session.params().tsdf.voxel_size_m};
 }
 
 std::optional<Step> step(Session& session) {
@@ -196,6 +198,7 @@ py::dict status(Session& session) {
   all["all_closed"] = now.all_closed;
   all["paused"] = now.paused;
   all["resets"] = now.resets;
+  all["rolling"] = now.rolling ? py::object(rollingDict(*now.rolling)) : py::none();
   all["latency_p50_ms"] = now.latency_p50_ms;
   all["latency_p99_ms"] = now.latency_p99_ms;
   all["latency_max_ms"] = now.latency_max_ms;
@@ -233,11 +236,13 @@ void bindLive(py::module_& module) {
            py::arg("tools") = py::none(), py::arg("queue_scans") = 4, py::arg("most_poses") = 4000,
            py::arg("memory_limit_bytes") = 0, py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(),
            py::arg("max_gap_s") = 0.2, py::arg("deskew") = "auto", py::arg("update_every") = 1,
-           py::arg("level") = py::none(),
+           py::arg("level") = py::none(), py::arg("rolling") = py::none(), py::arg("resume") = false,
            "tool, params, tools: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are "
            "given. exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame. deskew: auto, on or off, of scans with "
            "times. update_every: scans before the next labels. level: roll and pitch of the poses' frame in radians, "
-           "or \"imu\".")
+           "or \"imu\". rolling: a folder for the tiles of a map of any extent, as of RollingField; resume: go on "
+           "after its "
+           "last checkpoint().")
       .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",
            py::arg("child") = "",
            "The pose of the platform at one time. frame, child: the names of the world's frame and of what is posed. "
@@ -287,14 +292,37 @@ void bindLive(py::module_& module) {
       .def("status", &status, "What was published, taken, dropped and waits; poses, memory, latency: a dict.")
       .def(
           "snapshot",
-          [](Session& session) { return session.inTurn([](LiveSession& s) { return keep(s.field().snapshot()); }); },
+          [](Session& session) {
+            return session.inTurn([](LiveSession& s) {
+              return keep(s.rolling() != nullptr ? s.rolling()->snapshot() : s.field().snapshot());
+            });
+          },
           "All points with their labels, as of the last step.")
+      .def(
+          "checkpoint",
+          [](Session& session, const std::string& note) {
+            session.inTurn([&](LiveSession& s) {
+              if (s.rolling() == nullptr)
+                throw InvalidArgument("live.rolling", "rolling", "was not given",
+                                      "Only maps in tiles have checkpoints");
+              s.rolling()->checkpoint(note);
+            });
+          },
+          py::arg("note") = "", "With rolling: as RollingField.checkpoint().")
       .def(
           "write",
           [](Session& session, const std::filesystem::path& folder) {
-            session.inTurn([&](LiveSession& s) { s.field().write(folder); });
+            session.inTurn([&](LiveSession& s) {
+              if (s.rolling() != nullptr) {
+                s.rolling()->write(folder);
+              } else {
+                s.field().write(folder);
+              }
+            });
           },
-          py::arg("folder"), "Writes field.vdb, field_points.vdb and points.ply, each whole or not at all.");
+          py::arg("folder"),
+          "Writes field.vdb, field_points.vdb and points.ply, each whole or not at all; with rolling, a folder of "
+          "tiles.");
 }
 
 }  // namespace accessvdb::python

@@ -7,6 +7,7 @@
 
 #include <vector>
 
+#include "accessvdb/rolling_field.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_spec.h"
 
@@ -27,6 +28,8 @@ void bindScans(pybind11::module_& module);
 void bindStoredField(pybind11::module_& module);
 void bindRender(pybind11::module_& module);
 
+/// As RollingField.status().
+pybind11::dict rollingDict(const RollingStatus& now);
 /// @param tools  sequence of ToolSpec and ToolGeometry
 std::vector<ToolSpec> toolsFrom(const pybind11::object& tools);
 /// @throws TypeError unless exactly one of them is given

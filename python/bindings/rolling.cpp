@@ -76,7 +76,12 @@ FrameStats rollRays(LockedRolling& field, const py::object& points_W, const py::
 }
 
 py::dict rollingStatus(LockedRolling& field) {
-  const RollingStatus now = field.run([](RollingField& f) { return f.status(); });
+  return rollingDict(field.run([](RollingField& f) { return f.status(); }));
+}
+
+}  // namespace
+
+py::dict rollingDict(const RollingStatus& now) {
   py::dict all;
   all["steps"] = now.steps;
   all["points"] = now.points;
@@ -90,14 +95,13 @@ py::dict rollingStatus(LockedRolling& field) {
   all["loaded_ahead"] = now.loaded_ahead;
   all["memory_bytes"] = now.memory_bytes;
   all["device_bytes"] = now.device_bytes;
+  all["peak_memory_bytes"] = now.peak_memory_bytes;
   all["memory_short"] = now.memory_short;
   all["fitting_range_m"] = now.fitting_range_m;
   all["left_out_returns"] = now.left_out_returns;
   all["lost_tiles"] = now.lost_tiles;
   return all;
 }
-
-}  // namespace
 
 void bindRolling(py::module_& module) {
   using R = LockedRolling;

@@ -10,13 +10,12 @@
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "accessvdb/surface_points.h"
 #include "accessvdb/tool_spec.h"
 #include "io/poses/pose_track.h"
 #include "io/scans/scan_motion.h"
-#include "live/changed_points.h"
 #include "live/latencies.h"
 #include "live/live_agreement.h"
+#include "live/live_map.h"
 #include "live/lost_returns.h"
 #include "live/waiting_scans.h"
 
@@ -47,10 +46,6 @@ FieldParams checked(const FieldParams& params, const LiveOptions& options) {
   return params;
 }
 
-std::uint64_t bytesOf(const MemoryUse& use) {
-  return use.map_bytes + use.mirror_bytes + use.distance_mirror_bytes + use.point_host_bytes + use.point_device_bytes;
-}
-
 /// Values beyond float become infinite, and are then counted as not finite.
 Eigen::Vector3f asFloat(const Eigen::Vector3d& p) {
   constexpr double kMost = std::numeric_limits<float>::max();
@@ -78,12 +73,12 @@ io::ScanRecord recordOf(LiveScan& scan, const Ready& ready) {
 }  // namespace
 
 struct ACCESSVDB_PRIVATE LiveSession::Impl {
-  Impl(AccessibilityField&& of, const FieldParams& params, const LiveOptions& given)
+  Impl(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& given, const TableProgress& progress)
       : options(given),
-        given_params(params),
-        field(std::move(of)),
-        waiting(given, field.params().tsdf.max_range_m, 8 * field.params().tsdf.voxel_size_m) {
+        map(std::move(tools), checked(params, given), given, progress),
+        waiting(given, map.params().tsdf.max_range_m, 8 * map.params().tsdf.voxel_size_m) {
     status.memory_limit_bytes = options.memory_limit_bytes;
+    if (options.rolling) map.tell(status);
   }
 
   // From the one thread that takes steps, without the lock:
@@ -111,19 +106,19 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   /// @param around_W  a position that the map is near to
   void leaveOut(const internal::LostReturns& returns, const Eigen::Vector3d& around_W) {
     if (returns.everywhere()) {
-      field.leaveOut(std::array<Eigen::Vector3d, 1>{around_W}, internal::kFarthestReturn_m);
+      map.leaveOut(std::array<Eigen::Vector3d, 1>{around_W}, internal::kFarthestReturn_m);
     } else if (!returns.empty()) {
-      field.leaveOut(returns.centres_W(), std::min(returns.radius_m(), internal::kFarthestReturn_m));
+      map.leaveOut(returns.centres_W(), std::min(returns.radius_m(), internal::kFarthestReturn_m));
     }
   }
 
   /// A step failed. If the field did not break, it does not know what the scan saw: everything in its range is closed.
   void leaveOutAround(const internal::SensorMotion& motion) {
     try {
-      const double range_m = field.params().tsdf.max_range_m + motion.spread_m(0);
-      field.leaveOut(std::array<Eigen::Vector3d, 1>{motion.T_W_S.translation()},
-                     std::min(range_m, internal::kFarthestReturn_m));
-      static_cast<void>(field.update());
+      const double range_m = map.params().tsdf.max_range_m + motion.spread_m(0);
+      map.leaveOut(std::array<Eigen::Vector3d, 1>{motion.T_W_S.translation()},
+                   std::min(range_m, internal::kFarthestReturn_m));
+      static_cast<void>(map.update());
     } catch (const std::exception&) {  // it is broken, and answers nothing
     }
   }
@@ -134,31 +129,24 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     leaveOut(ready.lost, ready.motion.T_W_S.translation());
     const auto record = posed(ready, step);
     if (!record) {
-      if (!ready.lost.empty()) static_cast<void>(field.update());  // it may be the last one
+      if (!ready.lost.empty()) static_cast<void>(map.update());  // it may be the last one
       return false;
     }
     if (!step.late) agreement.add(*record, ready.motion.T_W_B);
-    step.fused = record->origins_W.empty() ? field.integrateScan(record->points_S, record->T_W_S, stamp_s)
-                                           : field.integrateRays(record->points_W, record->origins_W, stamp_s);
+    step.fused = map.integrate(*record, stamp_s);
     step.left_out_returns = step.fused.left_out_returns;
     ++unscored;
     if (step.late || unscored < options.update_every) return true;
-    step.scored = field.update();
+    step.scored = map.update();
     unscored = 0;
-    step.changed = changes.since(*field.points());
+    step.changed = map.takeChanged();
     return true;
   }
 
-  void checkMemory(std::uint64_t bytes) {
-    if (field.grows() && options.memory_limit_bytes > 0 && bytes > options.memory_limit_bytes) field.stopGrowing();
-  }
-
   const LiveOptions options;
-  const FieldParams given_params;
-  AccessibilityField field;
-  internal::ChangedPoints changes{field.tools().size() > 1};
+  internal::LiveMap map;
   std::size_t unscored = 0;  ///< scans since the last update
-  internal::LiveAgreement agreement{field.params().tsdf.range_noise_m, options.T_B_S};
+  internal::LiveAgreement agreement{map.params().tsdf.range_noise_m, options.T_B_S};
 
   mutable std::mutex lock;  ///< for all that follows
   std::condition_variable arrived;
@@ -170,11 +158,10 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 };
 
 LiveSession::LiveSession(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& options)
-    : impl_(std::make_unique<Impl>(AccessibilityField(tool, checked(params, options)), params, options)) {}
+    : LiveSession(onlyTool(tool, params), params, options) {}
 LiveSession::LiveSession(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
                          const TableProgress& progress)
-    : impl_(std::make_unique<Impl>(AccessibilityField(std::move(tools), checked(params, options), progress), params,
-                                   options)) {}
+    : impl_(std::make_unique<Impl>(std::move(tools), params, options, progress)) {}
 LiveSession::~LiveSession() = default;
 LiveSession::LiveSession(LiveSession&&) noexcept = default;
 LiveSession& LiveSession::operator=(LiveSession&&) noexcept = default;
@@ -226,24 +213,22 @@ void LiveSession::pause(bool paused) {
 
 void LiveSession::reset() {
   Impl& impl = *impl_;
-  impl.field = AccessibilityField(impl.field.tools(), impl.given_params);
-  impl.changes = internal::ChangedPoints(impl.field.tools().size() > 1);
-  impl.agreement = internal::LiveAgreement(impl.field.params().tsdf.range_noise_m, impl.options.T_B_S);
+  impl.map.reset();
+  impl.agreement = internal::LiveAgreement(impl.map.params().tsdf.range_noise_m, impl.options.T_B_S);
   impl.unscored = 0;
   const std::scoped_lock locked(impl.lock);
   impl.waiting.forgetTaken();
   impl.status.surface_points = 0;
-  impl.status.memory_bytes = bytesOf(impl.field.memoryUse());
-  impl.status.memory_full = false;
+  impl.map.tell(impl.status);
   ++impl.status.resets;
 }
 
 LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
   LiveRemoval removal;
-  removal.removal = impl_->field.removeRegion(region, as);
-  static_cast<void>(impl_->field.update());
+  removal.removal = impl_->map.field().removeRegion(region, as);
+  static_cast<void>(impl_->map.update());
   impl_->unscored = 0;
-  removal.changed = impl_->changes.since(*impl_->field.points());
+  removal.changed = impl_->map.takeChanged();
   return removal;
 }
 
@@ -266,8 +251,8 @@ std::optional<LiveStep> LiveSession::step() {
     }
     if (!ready) {
       if (!lost->empty() || (at_end && impl_->unscored > 0)) {
-        impl_->leaveOut(*lost, impl_->field.origin_W());
-        static_cast<void>(impl_->field.update());
+        impl_->leaveOut(*lost, impl_->map.origin_W());
+        static_cast<void>(impl_->map.update());
         impl_->unscored = 0;
       }
       return std::nullopt;
@@ -289,8 +274,8 @@ std::optional<LiveStep> LiveSession::step() {
       throw;
     }
     step.latency_ms = millisecondsBetween(arrived, Clock::now());
-    const std::uint64_t bytes = bytesOf(impl_->field.memoryUse());
-    impl_->checkMemory(bytes);
+    LiveStatus of_map;
+    impl_->map.tell(of_map);
     const std::scoped_lock locked(impl_->lock);
     impl_->busy = false;
     if (!taken) {
@@ -307,8 +292,9 @@ std::optional<LiveStep> LiveSession::step() {
     status.unposed_returns += step.unposed_returns;
     status.left_out_returns += step.left_out_returns;
     status.surface_points = step.fused.surface_points;
-    status.memory_bytes = bytes;
-    status.memory_full = !impl_->field.grows();
+    status.memory_bytes = of_map.memory_bytes;
+    status.memory_full = of_map.memory_full;
+    status.rolling = std::move(of_map.rolling);
     impl_->latencies.add(step.latency_ms);
     impl_->latency_max_ms = std::max(impl_->latency_max_ms, step.latency_ms);
     return step;
@@ -338,6 +324,10 @@ std::optional<Eigen::Matrix3d> LiveSession::levelling() const {
   return impl_->waiting.poses().level().R_L_W();
 }
 
-const AccessibilityField& LiveSession::field() const { return impl_->field; }
+const AccessibilityField& LiveSession::field() const { return impl_->map.field(); }
+RollingField* LiveSession::rolling() { return impl_->map.rolling(); }
+const FieldParams& LiveSession::params() const { return impl_->map.params(); }
+const std::vector<ToolSpec>& LiveSession::tools() const { return impl_->map.tools(); }
+Eigen::Vector3d LiveSession::origin_W() const { return impl_->map.origin_W(); }
 
 }  // namespace accessvdb

@@ -152,8 +152,8 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
 }
 
 void writeBinned(const fs::path& out, const Plan& plan, const Binned& rays) {
-  io::prepareOutputFolder(raysFolder(out));
-  writeManifest(out, plan, rays, Json::array());
+  // As after removeRays(): whoever makes a tile again reads all scans first.
+  writeManifest(out, plan, rays, {{{"first_step", 0}, {"end_step", rays.steps}, {"bytes", 1}}});
 }
 
 std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIndex& tile) {

@@ -89,8 +89,8 @@ void RollingTiles::writeAhead(std::uint64_t step) {
 
 void RollingTiles::beginAhead(const TileIndex& id, const StoredTile& stored, std::uint64_t step) {
   const auto read = std::make_shared<std::optional<RollingTile>>();
-  const auto work = disk_.begin([this, read, id, serial = *stored.serial, ids_sha256 = stored.ids_sha256] {
-    read->emplace(readBack(id, serial, ids_sha256));
+  const auto work = disk_.begin([this, read, id, serial = *stored.serial, files_sha256 = stored.files_sha256] {
+    read->emplace(readBack(id, serial, files_sha256));
   });
   ahead_[id] = {stored.bytes, step, read, work};
 }
@@ -132,7 +132,7 @@ void RollingTiles::beginSaving(const TileIndex& id, RollingTile& tile, std::uint
 void RollingTiles::endSaving(const TileIndex&, RollingTile& tile) {
   if (!tile.saving) return;
   if (disk_.finish(tile.saving->work)) {
-    tile.saving->stored.ids_sha256 = *tile.saving->ids_sha256;
+    tile.saving->stored.files_sha256 = *tile.saving->files_sha256;
     tile.as_saved = std::move(tile.saving->stored);
   }
   tile.saving.reset();

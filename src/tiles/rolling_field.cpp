@@ -5,9 +5,12 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <exception>
+#include <iomanip>
 #include <iterator>
 #include <limits>
 #include <optional>
+#include <sstream>
 #include <utility>
 
 #include "accessvdb/config.h"
@@ -20,6 +23,7 @@
 #include "accessvdb/tool_tables.h"
 #include "field/field_access.h"
 #include "field/field_clock.h"
+#include "field/left_out_points.h"
 #include "field/scan_gate.h"
 #include "field/tools/shared_tables.h"
 #include "launch/stopwatch.h"
@@ -104,13 +108,21 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         ray_sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         tiles(tools, given, std::move(tables), options.folder, {options.memory_limit_bytes, options.device_limit_bytes},
-              tile_voxels) {
+              tile_voxels, options.notes_changes) {
     requireRolling(params, options, margins);
     if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
     io::prepareOutputFolder(options.folder);
     in_use = tiles::FolderInUse(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
     if (std::isfinite(params.change.free_for_s)) generations.emplace(params.change.free_for_s);
+    if (!resumed) checkpoint("");  // from now on what a process leaves that is killed is known to be ours
+  }
+
+  void checkpoint(const std::string& of_caller) {
+    const tiles::Json saved = tiles.saveAll();
+    tiles::writeManifest(options.folder, manifest(saved, of_caller), madeWith());
+    tiles.keep(saved);
+    note = of_caller;
   }
 
   /// A step that fails half-way leaves tiles that do not agree.
@@ -305,12 +317,13 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     for (const TouchedTile* each : here) {
       const std::vector<internal::OpenedLeaf> near = nearTo(each->id, opened);
       const FrameStats of_tile = FieldAccess::endScan(each->tile->field, near);
-      bool changed = !near.empty();
-      FieldAccess::visitGoneCells(each->tile->field,
-                                  [&changed](internal::GoneCells& cells) { changed = cells.takeChanged() || changed; });
+      bool has_changed = !near.empty();
+      FieldAccess::visitGoneCells(each->tile->field, [&has_changed](internal::GoneCells& cells) {
+        has_changed = cells.takeChanged() || has_changed;
+      });
       if (each->has_returns) {
         noteFused(each->id, *each->tile, scan, of_tile, fresh, stats);
-      } else if (changed) {
+      } else if (has_changed) {
         tiles.noteChange(each->id, *each->tile);
         each->tile->behind = true;
         measure(*each->tile);
@@ -348,11 +361,25 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     measure(tile);
     if (of_tile.left_out_returns > 0) noteShort(id, scan);
   }
+  /// What an update took may be too much. It goes on where a tile cannot be saved: no label may be missing.
+  void shrink() {
+    try {
+      if (!not_saved) tiles.shrink(nearest);
+    } catch (const OutputError&) {
+      not_saved = std::current_exception();
+    }
+  }
+  /// @throws OutputError if shrink() failed since the last call
+  void requireShrunk() {
+    if (const std::exception_ptr failed = std::exchange(not_saved, nullptr)) std::rethrow_exception(failed);
+    tiles.shrink(nearest);
+  }
   void measure(RollingTile& tile) {
     const tiles::TileBytes before = tile.bytes;
     tile.measure();
     growth.memory += tile.bytes.memory - std::min(tile.bytes.memory, before.memory);
     growth.device += tile.bytes.device - std::min(tile.bytes.device, before.device);
+    peak_memory_bytes = std::max(peak_memory_bytes, tiles.use().memory);
   }
 
   /// As in one piece: by the places of their voxels.
@@ -390,6 +417,32 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     memory_short = true;
   }
 
+  /// Adds what changed with an update of the tile.
+  void noteChanged(RollingTile& tile) {
+    if (!tile.told) return;
+    for (SurfacePoint& point : tile.told->since(*tile.field.points())) {
+      point.id = tile.ids[point.id];
+      if (point.id != RollingTile::kNotOurs) changed.push_back(point);
+    }
+  }
+  /// @param take  gets the points of a tile
+  template <typename Take>
+  void visitTiles(const std::vector<TileIndex>& ids, const Take& take) {
+    requireWhole();
+    for (const TileIndex& id : ids) tiles.visit(id, [&](const RollingTile& tile) { take(pointsOf(tile)); });
+  }
+  /// By ids.
+  FieldSnapshot snapshotOf(const std::vector<TileIndex>& ids) {
+    FieldSnapshot snapshot;
+    snapshot.origin_W = gate.origin_W();
+    snapshot.voxel_size_m = params.tsdf.voxel_size_m;
+    visitTiles(ids, [&](std::span<const SurfacePoint> of_tile) {
+      snapshot.points.insert(snapshot.points.end(), of_tile.begin(), of_tile.end());
+    });
+    std::ranges::sort(snapshot.points, {}, &SurfacePoint::id);
+    return snapshot;
+  }
+
   /// @return points of the core with their ids in the larger map
   static std::vector<SurfacePoint> pointsOf(const RollingTile& tile) {
     const auto listed = tile.field.points();
@@ -422,16 +475,11 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return identified(std::move(plan));
   }
 
-  /// Whether a folder holds the result of the same scans.
-  [[nodiscard]] bool isOf(const tiles::Plan& plan, const fs::path& out) const {
+  /// Whether a folder holds the result of the same steps.
+  static bool isOf(const tiles::Plan& plan, const fs::path& out) {
     const tiles::Plan there = tiles::readPlan(out);
-    if (there.id() != plan.id() || there.flights.size() != 1 ||
-        there.flights.front().stamps_s != plan.flights.front().stamps_s) {
-      return false;
-    }
-    const auto rays = tiles::binned(out, there);
-    return rays && rays->points_in == taken.points_in && rays->points_used == taken.points_used &&
-           rays->dropped == taken.dropped;
+    return there.id() == plan.id() && there.flights.size() == 1 &&
+           there.flights.front().stamps_s == plan.flights.front().stamps_s;
   }
 
   [[nodiscard]] tiles::MadeWith madeWith() const { return {tools, params, tile_voxels}; }
@@ -445,6 +493,8 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     manifest.first_ids = first_ids;
     manifest.stamps_s = stamps_s;
     manifest.lost_tiles = tiles.lost();
+    for (const auto& [centre_W, radius_m] : tiles.closed())
+      manifest.closed.push_back({centre_W.x(), centre_W.y(), centre_W.z(), radius_m});
     manifest.note = of_caller;
     manifest.taken = taken;
     manifest.tiles = std::move(saved);
@@ -454,6 +504,15 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return manifest;
   }
   void restore(const tiles::RollingManifest& manifest) {
+    if (gate.hasOrigin() && manifest.origin_W) {
+      const Eigen::Vector3d made_W(manifest.origin_W->data());
+      if (made_W != gate.origin_W()) {
+        std::ostringstream text;
+        text << "was made with the origin " << std::setprecision(17) << made_W.x() << ',' << made_W.y() << ','
+             << made_W.z();
+        throw UnusableInput("rolling.changed", options.folder.string(), text.str(), "Use that origin, or leave it out");
+      }
+    }
     points = manifest.points;
     scans = manifest.scans;
     age_s = manifest.age_s;
@@ -467,8 +526,10 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       gate.restoreOrigin(Eigen::Vector3d(manifest.origin_W->data()));
       tiles.setOrigin(*manifest.origin_W);
     }
+    std::vector<tiles::RollingTiles::Ball> closed;
+    for (const auto& [x, y, z, radius_m] : manifest.closed) closed.push_back({{x, y, z}, radius_m});
     try {
-      tiles.restore(manifest.tiles, manifest.lost_tiles, now());
+      tiles.restore(manifest.tiles, manifest.lost_tiles, std::move(closed), now());
     } catch (const InvalidArgument&) {
       tiles::refuseManifest(options.folder);
     }
@@ -500,8 +561,11 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
   bool memory_short = false, whole = true;
   double fitting_range_m = 0;
-  tiles::TakenReturns taken;  ///< of all steps
-  std::string note;           ///< of the last checkpoint
+  tiles::TakenReturns taken;          ///< of all steps
+  std::string note;                   ///< of the last checkpoint
+  std::vector<SurfacePoint> changed;  ///< since takeChanged()
+  std::uint64_t peak_memory_bytes = 0;
+  std::exception_ptr not_saved;  ///< what shrink() threw
 };
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
@@ -532,7 +596,9 @@ UpdateStats RollingField::update() {
   const UpdateStats stats = impl_->run([&] {
     UpdateStats all;
     const tiles::MapTime now = impl_->now();
-    for (auto& [id, tile] : impl_->tiles.tilesInMemory()) {
+    for (const TileIndex& id : impl_->tiles.oldestFirst()) {
+      RollingTile* const tile = impl_->tiles.inMemory(id);
+      if (tile == nullptr) continue;  // one that has left gets it when it comes back
       if (FieldAccess::agesUntil(tile->field, now.age_s)) {
         impl_->tiles.noteChange(id, *tile);
         FieldAccess::advanceTime(tile->field, now.latest_s, now.age_s);
@@ -543,21 +609,45 @@ UpdateStats RollingField::update() {
       internal::add(tile->field.update(), all);
       tile->behind = false;
       tile->updated = true;
+      impl_->noteChanged(*tile);
       impl_->measure(*tile);
+      impl_->shrink();
     }
     impl_->tiles.oweUpdate(now);
     return all;
   });
-  impl_->tiles.shrink(impl_->nearest);
+  impl_->requireShrunk();
   return stats;
+}
+
+void RollingField::leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m) {
+  if (!(radius_m >= 0 && radius_m <= internal::LeftOutPoints::kLargestRadius_m)) {
+    throw InvalidArgument("left_out.radius", "radius_m", "must be 0 .. 1000000 m", "Pass one in metres");
+  }
+  std::vector<tiles::RollingTiles::Ball> balls;
+  for (const Eigen::Vector3d& centre_W : centres_W)
+    if (centre_W.allFinite()) balls.push_back({centre_W, radius_m});
+  impl_->run([&] {
+    impl_->tiles.close(balls);
+    return true;
+  });
+}
+
+std::vector<SurfacePoint> RollingField::takeChanged() {
+  if (!impl_->options.notes_changes) {
+    throw InvalidArgument("rolling.changes", "notes_changes", "is off, so nobody notes what changes",
+                          "Set it in RollingOptions");
+  }
+  std::vector<SurfacePoint> all = std::exchange(impl_->changed, {}), last;
+  std::ranges::stable_sort(all, {}, &SurfacePoint::id);
+  for (std::size_t n = 0; n < all.size(); ++n)
+    if (n + 1 == all.size() || all[n].id != all[n + 1].id) last.push_back(all[n]);
+  return last;
 }
 
 void RollingField::checkpoint(const std::string& note) {
   impl_->requireWhole();
-  const tiles::Json saved = impl_->tiles.saveAll();
-  tiles::writeManifest(impl_->options.folder, impl_->manifest(saved, note), impl_->madeWith());
-  impl_->tiles.keep(saved);
-  impl_->note = note;
+  impl_->checkpoint(note);
 }
 
 bool RollingField::hasCheckpoint(const fs::path& folder) { return tiles::hasManifest(folder); }
@@ -577,22 +667,15 @@ RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams
 }
 
 void RollingField::forEachTile(const std::function<void(std::span<const SurfacePoint> points)>& take) {
-  impl_->requireWhole();
-  for (const TileIndex& id : impl_->tiles.all()) {
-    impl_->tiles.visit(id, [&](const RollingTile& tile) { take(Impl::pointsOf(tile)); });
-  }
+  impl_->visitTiles(impl_->tiles.all(), take);
 }
 
-FieldSnapshot RollingField::snapshot() {
-  FieldSnapshot snapshot;
-  snapshot.origin_W = origin_W();
-  snapshot.voxel_size_m = impl_->params.tsdf.voxel_size_m;
-  forEachTile([&](std::span<const SurfacePoint> points) {
-    snapshot.points.insert(snapshot.points.end(), points.begin(), points.end());
-  });
-  std::sort(snapshot.points.begin(), snapshot.points.end(),
-            [](const SurfacePoint& a, const SurfacePoint& b) { return a.id < b.id; });
-  return snapshot;
+FieldSnapshot RollingField::snapshot() { return impl_->snapshotOf(impl_->tiles.all()); }
+
+FieldSnapshot RollingField::snapshotInMemory() {
+  std::vector<TileIndex> ids;
+  for (const auto& [id, tile] : impl_->tiles.tilesInMemory()) ids.push_back(id);
+  return impl_->snapshotOf(ids);
 }
 
 RollingStatus RollingField::status() const {
@@ -610,6 +693,7 @@ RollingStatus RollingField::status() const {
   const tiles::TileBytes use = impl_->tiles.use();
   status.memory_bytes = use.memory;
   status.device_bytes = use.device;
+  status.peak_memory_bytes = std::max(impl_->peak_memory_bytes, use.memory);
   status.memory_short = impl_->memory_short;
   status.fitting_range_m = impl_->memory_short ? impl_->fitting_range_m : 0;
   status.left_out_returns = impl_->left_out_returns;
@@ -618,6 +702,7 @@ RollingStatus RollingField::status() const {
 }
 
 const FieldParams& RollingField::params() const { return impl_->params; }
+const std::vector<ToolSpec>& RollingField::tools() const { return impl_->tools; }
 Eigen::Vector3d RollingField::origin_W() const { return impl_->gate.origin_W(); }
 
 std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::WriteOptions& files,
@@ -626,9 +711,11 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   tiles::requireOwnFolders(out);
   const tiles::Plan plan = impl_->plan(source);
   // One that was killed just before its end may be repeated.
-  if (tiles::hasPlan(out) && !impl_->isOf(plan, out)) {
+  if (tiles::hasPlan(out) && !Impl::isOf(plan, out)) {
     throw OutputError("output.foreign", out.string(), "holds the tiles of another run", "Choose another folder");
   }
+  // Whatever an earlier call has left of it may be of other scans, or damaged.
+  tiles::removePlan(out);
   update();
   io::prepareOutputFolder(out);
   tiles::removeAttempts(out);

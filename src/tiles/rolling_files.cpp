@@ -4,13 +4,17 @@
 
 #include <charconv>
 #include <fstream>
+#include <string_view>
 #include <system_error>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
+#include "field/state/state_writer.h"
 #include "io/streams/input_file.h"
+#include "io/streams/sha256.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -18,6 +22,18 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char *kState = ".state", *kIds = ".ids";
+constexpr std::string_view kIdsMagic = "AVDBIDS1";
+/// Of the ids, and of the head of the state.
+constexpr const char* kBetweenHashes = ".";
+
+std::string headOf(const internal::StateReader& state) { return internal::hexOf(state.headDigest()); }
+
+bool beginsWith(const fs::path& file, std::string_view magic) {
+  if (io::entryAt(file) != fs::file_type::regular) return false;
+  std::string first(magic.size(), '\0');
+  std::ifstream in(file, std::ios::binary);
+  return in.read(first.data(), static_cast<std::streamsize>(first.size())) && first == magic;
+}
 
 fs::path fileOf(const fs::path& folder, const TileIndex& tile, std::uint64_t serial, const char* ending) {
   return folder / (TileId{tile.first, tile.second, {}}.name() + "." + std::to_string(serial) + ending);
@@ -32,10 +48,11 @@ std::string RollingFiles::write(const AccessibilityField& field, const std::vect
   try {
     field.saveState(state);
     io::writeFileDurably(ids, [&](std::ostream& stream) {
+      stream.write(kIdsMagic.data(), kIdsMagic.size());
       stream.write(reinterpret_cast<const char*>(point_ids.data()),
                    static_cast<std::streamsize>(point_ids.size() * sizeof point_ids[0]));
     });
-    return io::sha256OfFile(ids);
+    return io::sha256OfFile(ids) + kBetweenHashes + headOf(internal::StateReader(state));
   } catch (...) {
     remove();
     throw;
@@ -47,12 +64,19 @@ std::vector<std::uint32_t> RollingFiles::readIds(std::size_t count, const std::s
   static_cast<void>(io::inputFileSize(ids));
   std::ifstream in(ids, std::ios::binary);
   if (!in.is_open()) throw InputError("input.unreadable", ids.string(), "cannot be opened", "Check its permissions");
+  in.ignore(kIdsMagic.size());
   in.read(reinterpret_cast<char*>(read.data()), static_cast<std::streamsize>(count * sizeof read[0]));
   if (in.bad()) throw InputError("input.unreadable", ids.string(), "cannot be read to its end", "Check the disk");
-  if (!in || in.peek() != std::ifstream::traits_type::eof() || io::sha256OfFile(ids) != sha256) {
+  const std::string written = sha256.substr(0, sha256.find(kBetweenHashes));
+  if (!in || in.peek() != std::ifstream::traits_type::eof() || io::sha256OfFile(ids) != written) {
     throw InputError("state.damaged", ids.string(), "is not as it was written", "Use another disk");
   }
   return read;
+}
+
+void RollingFiles::requireWritten(const internal::StateReader& read, const std::string& sha256) const {
+  if (sha256.ends_with(kBetweenHashes + headOf(read))) return;
+  throw InputError("state.damaged", state.string(), "is not the one that was written", "Restore it");
 }
 
 void RollingFiles::remove() const noexcept {
@@ -61,8 +85,9 @@ void RollingFiles::remove() const noexcept {
   fs::remove(ids, ignored);
 }
 
-bool isRollingFile(const std::string& name, std::uint64_t& serial) {
-  for (const std::string ending : {kState, kIds}) {
+bool isRollingFile(const fs::path& file, std::uint64_t& serial) {
+  const std::string name = file.filename().string();
+  for (const auto& [ending, magic] : {std::pair{std::string(kState), internal::kStateMagic}, {kIds, kIdsMagic}}) {
     if (!name.ends_with(ending)) continue;
     const std::string rest = name.substr(0, name.size() - ending.size());
     const std::size_t dot = rest.find('.');
@@ -74,7 +99,7 @@ bool isRollingFile(const std::string& name, std::uint64_t& serial) {
     }
     const char* const end = rest.data() + rest.size();
     const auto [last, error] = std::from_chars(rest.data() + dot + 1, end, serial);
-    return error == std::errc() && last == end;
+    return error == std::errc() && last == end && beginsWith(file, magic);
   }
   return false;
 }

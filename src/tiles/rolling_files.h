@@ -9,22 +9,25 @@
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
+#include "field/state/state_reader.h"
 #include "tiles/ray_shard.h"
 
 namespace accessvdb::tiles {
 
 struct RollingFiles {
   RollingFiles(const std::filesystem::path& folder, const TileIndex& tile, std::uint64_t serial);
-  /// Both, whole, or none. @return hash of the ids  @throws OutputError
+  /// Both, whole, or none. @return a hash of both  @throws OutputError
   [[nodiscard]] std::string write(const AccessibilityField& field, const std::vector<std::uint32_t>& point_ids) const;
-  /// @throws InputError "state.damaged"; another one if the file cannot be read
+  /// @param sha256  write()  @throws InputError "state.damaged"; another one if the file cannot be read
   [[nodiscard]] std::vector<std::uint32_t> readIds(std::size_t count, const std::string& sha256) const;
+  /// That the state is the one that was written, and not one of another moment. @throws InputError "state.damaged"
+  void requireWritten(const internal::StateReader& read, const std::string& sha256) const;
   void remove() const noexcept;
 
   std::filesystem::path state, ids;
 };
 
-/// Whether a name is one that we give. @param serial  gets its number
-[[nodiscard]] bool isRollingFile(const std::string& name, std::uint64_t& serial);
+/// Whether a file is one of ours, by its name and its first bytes. @param serial  gets its number
+[[nodiscard]] bool isRollingFile(const std::filesystem::path& file, std::uint64_t& serial);
 
 }  // namespace accessvdb::tiles

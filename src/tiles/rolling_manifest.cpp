@@ -9,6 +9,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/program/path_facts.h"
+#include "tiles/first_difference.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -16,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kManifest = "rolling.json";
-constexpr int kManifestSchema = 1;
+constexpr int kManifestSchema = 2;
 
 }  // namespace
 
@@ -36,6 +37,7 @@ void writeManifest(const fs::path& folder, const RollingManifest& manifest, cons
                {"first_ids", manifest.first_ids},
                {"stamps_s", stamps},
                {"lost_tiles", manifest.lost_tiles},
+               {"closed", manifest.closed},
                {"note", manifest.note},
                {"points_in", manifest.taken.points_in},
                {"points_used", manifest.taken.points_used},
@@ -66,10 +68,19 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   const auto same = [&](const char* what, const std::string& value) {
     return json.at(what).get<std::string>() == value;
   };
-  if (!same("program", ACCESSVDB_VERSION) || !same("parameters", describeTools(made_with.tools, made_with.params)) ||
-      !same("tool_sha256", toolListSha256(made_with.tools)) || tileVoxelsOf(json) != made_with.tile_voxels) {
-    throw UnusableInput("rolling.changed", folder.string(),
-                        "was made with other tools, parameters or tiles, or by another version",
+  const std::string parameters = describeTools(made_with.tools, made_with.params);
+  std::string other;
+  if (!same("program", ACCESSVDB_VERSION)) {
+    other = "by version " + json.at("program").get<std::string>();
+  } else if (!same("tool_sha256", toolListSha256(made_with.tools))) {
+    other = "with other tools";
+  } else if (!same("parameters", parameters)) {
+    other = "with " + firstDifference(json.at("parameters").get<std::string>(), parameters);
+  } else if (tileVoxelsOf(json) != made_with.tile_voxels) {
+    other = "with tiles of " + std::to_string(tileVoxelsOf(json)) + " voxels";
+  }
+  if (!other.empty()) {
+    throw UnusableInput("rolling.changed", folder.string(), "was made " + other,
                         "Use what it was made with, or another folder");
   }
   if (json.at("schema").get<int>() != kManifestSchema) refuseManifest(folder);
@@ -81,6 +92,7 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   for (const Json& stamp : json.at("stamps_s"))
     manifest.stamps_s.push_back(stamp.is_null() ? std::numeric_limits<double>::quiet_NaN() : stamp.get<double>());
   json.at("lost_tiles").get_to(manifest.lost_tiles);
+  json.at("closed").get_to(manifest.closed);
   json.at("note").get_to(manifest.note);
   json.at("points_in").get_to(manifest.taken.points_in);
   json.at("points_used").get_to(manifest.taken.points_used);

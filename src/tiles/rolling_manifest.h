@@ -39,7 +39,8 @@ struct RollingManifest {
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
   std::vector<double> stamps_s;          ///< of each step; NaN: none
   std::vector<std::string> lost_tiles;
-  std::string note;  ///< of the caller
+  std::vector<std::array<double, 4>> closed;  ///< RollingTiles::closed(): centre and radius
+  std::string note;                           ///< of the caller
   TakenReturns taken;
   Json tiles;  ///< RollingTiles::saveAll()
   std::optional<std::array<double, 3>> origin_W;

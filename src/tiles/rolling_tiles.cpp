@@ -8,8 +8,10 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "field/field_access.h"
+#include "field/left_out_points.h"
 #include "field/state/state_reader.h"
 #include "field/tools/tools_of_field.h"
 #include "points/point_store.h"
@@ -20,6 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kCellsOfEdge = 32;  // of what is left out of a tile that is not there
+/// Of more, nobody keeps track: everything is closed.
+constexpr std::size_t kMostBalls = std::size_t{1} << 20;
 TileId idOf(const TileIndex& index) { return {index.first, index.second, {}}; }
 
 void advanceTime(RollingTile& tile, const MapTime& time) {
@@ -31,26 +35,29 @@ void advanceTime(RollingTile& tile, const MapTime& time) {
 
 void RollingTile::measure() {
   const MemoryUse use = field.memoryUse();
-  bytes.memory = use.map_bytes + use.point_host_bytes + ids.capacity() * sizeof ids[0];
+  bytes.memory = use.map_bytes + use.point_host_bytes + ids.capacity() * sizeof ids[0] + (told ? told->bytes() : 0);
   const std::uint64_t of_backend = use.mirror_bytes + use.distance_mirror_bytes + use.point_device_bytes;
   (field.deviceName() == "cpu" ? bytes.memory : bytes.device) += of_backend;
 }
 
 RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params,
                            std::unique_ptr<internal::SharedTables> tables, fs::path folder, const Limits& limits,
-                           std::int32_t tile_voxels)
+                           std::int32_t tile_voxels, bool notes_changes)
     : tools_(std::move(tools)),
       params_(params),
       described_(describeTools(tools_, internal::resolvedFor(tools_.front(), params))),
       tables_(std::move(tables)),
       folder_(std::move(folder)),
       limits_(limits),
-      tile_voxels_(tile_voxels) {}
+      tile_voxels_(tile_voxels),
+      notes_changes_(notes_changes) {}
 
-AccessibilityField RollingTiles::newField(const TileIndex& id) const {
+RollingTile RollingTiles::newTile(const TileIndex& id) const {
   FieldParams params = params_;
   params.window = idOf(id).window(tile_voxels_);
-  return internal::FieldAccess::make(tools_, params, *tables_);
+  RollingTile tile(internal::FieldAccess::make(tools_, params, *tables_));
+  if (notes_changes_) tile.told.emplace(tools_.size() > 1);
+  return tile;
 }
 
 Eigen::Vector3d RollingTiles::worldOf(const Eigen::Vector3f& p_L) const {
@@ -160,6 +167,7 @@ StoredTile RollingTiles::describe(const RollingTile& tile) {
   stored.returns = tile.returns;
   stored.updated = tile.updated;
   stored.behind = tile.behind;
+  stored.closed = tile.closed;
   stored.bytes = tile.bytes;
   return stored;
 }
@@ -168,7 +176,7 @@ void RollingTiles::save(const TileIndex& id, RollingTile& tile) {
   endSaving(id, tile);
   if (!tile.as_saved) {
     StoredTile stored = describe(tile);
-    stored.ids_sha256 = filesOf(id, *stored.serial).write(tile.field, tile.ids);
+    stored.files_sha256 = filesOf(id, *stored.serial).write(tile.field, tile.ids);
     tile.as_saved = std::move(stored);
   }
   ++saved_;
@@ -204,7 +212,8 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
     if (stored->second.serial && !tile->lost) tile->as_saved = std::move(stored->second);
     stored_.erase(stored);
   } else {
-    tile = std::make_unique<RollingTile>(newField(id));
+    tile = std::make_unique<RollingTile>(newTile(id));
+    closeIn(*tile);
     advanceTime(*tile, now);
     tile->measure();
     empty_ = tile->bytes;
@@ -228,7 +237,7 @@ RollingTile* RollingTiles::find(const TileIndex& id) {
   return found == in_memory_.end() ? nullptr : found->second.get();
 }
 
-RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, const std::string& ids_sha256) const {
+RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, const std::string& files_sha256) const {
   const RollingFiles files = filesOf(id, serial);
   internal::StateReader state(files.state);
   const FieldWindow window = idOf(id).window(tile_voxels_);
@@ -237,13 +246,18 @@ RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, co
       found.origin_W != params_.origin_W || describeTools(tools_, found) != described_) {
     throw InputError("state.other", files.state.string(), "is the state of another tile", "Restore the folder");
   }
+  files.requireWritten(state, files_sha256);
   RollingTile tile(internal::FieldAccess::load(state, tools_, params_.backend, params_.threads, {}, tables_.get()));
-  tile.ids = files.readIds(internal::FieldAccess::points(tile.field).size(), ids_sha256);
+  tile.ids = files.readIds(internal::FieldAccess::points(tile.field).size(), files_sha256);
+  if (notes_changes_) {
+    tile.told.emplace(tools_.size() > 1);
+    static_cast<void>(tile.told->since(*tile.field.points()));  // before it left
+  }
   return tile;
 }
 
 RollingTile RollingTiles::startClosed(const TileIndex& id) {
-  RollingTile tile(newField(id));
+  RollingTile tile = newTile(id);
   const std::array<Eigen::Vector3d, 1> anywhere_W = {worldOf({0, 0, 0})};
   constexpr double kEverywhere_m = 1e6;
   tile.field.leaveOut(anywhere_W, kEverywhere_m);
@@ -259,8 +273,8 @@ bool RollingTiles::has(const TileIndex& id) const {
 RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> tile) {
   const StoredTile& stored = stored_.at(id);
   try {
-    if (!tile && !stored.serial) tile.emplace(newField(id));
-    if (!tile) tile.emplace(readBack(id, *stored.serial, stored.ids_sha256));
+    if (!tile && !stored.serial) tile.emplace(newTile(id));
+    if (!tile) tile.emplace(readBack(id, *stored.serial, stored.files_sha256));
     if (stored.serial) ++loaded_;
   } catch (const InputError& error) {
     if (!error.id().starts_with("state.")) throw;  // it may be there again, with the disk
@@ -273,6 +287,8 @@ RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> t
   tile->returns = stored.returns;
   tile->updated = stored.updated;
   tile->behind = stored.behind;
+  tile->closed = tile->lost ? 0 : stored.closed;
+  closeIn(*tile);
   if (!stored.left_out.empty()) {
     std::vector<Eigen::Vector3d> centres_W;
     const double edge_m = cellEdge_m();
@@ -320,6 +336,27 @@ void RollingTiles::leaveOutRays(const TileIndex& id, const internal::FieldAccess
   leaveOut(id, passed_L);
 }
 
+void RollingTiles::close(std::span<const Ball> balls) {
+  closed_.insert(closed_.end(), balls.begin(), balls.end());
+  if (closed_.size() > kMostBalls) {
+    closed_ = {{Eigen::Vector3d::Zero(), internal::LeftOutPoints::kLargestRadius_m}};
+    for (auto& [id, tile] : in_memory_) tile->closed = 0;
+    for (auto& [id, stored] : stored_) stored.closed = 0;
+  }
+  for (auto& [id, tile] : in_memory_) {
+    noteChange(id, *tile);
+    closeIn(*tile);
+    tile->behind = true;
+  }
+}
+
+void RollingTiles::closeIn(RollingTile& tile) const {
+  for (; tile.closed < closed_.size(); ++tile.closed) {
+    const Ball& ball = closed_[tile.closed];
+    tile.field.leaveOut(std::span(&ball.centre_W, 1), ball.radius_m);
+  }
+}
+
 std::vector<TileIndex> RollingTiles::all() const {
   std::vector<TileIndex> ids;
   for (const auto& [id, tile] : in_memory_) ids.push_back(id);
@@ -331,13 +368,12 @@ std::vector<TileIndex> RollingTiles::all() const {
 Json RollingTiles::saveAll() {
   Json tiles = Json::array();
   const auto add = [&](const TileIndex& id, const StoredTile& stored) {
-    Json tile = {{"tile", idOf(id).name()},      {"touched", stored.touched},
-                 {"returns", stored.returns},    {"updated", stored.updated},
-                 {"behind", stored.behind},      {"owed", stored.owed},
-                 {"bytes", stored.bytes.memory}, {"device_bytes", stored.bytes.device}};
+    Json tile = {{"tile", idOf(id).name()},   {"touched", stored.touched},    {"returns", stored.returns},
+                 {"updated", stored.updated}, {"behind", stored.behind},      {"owed", stored.owed},
+                 {"closed", stored.closed},   {"bytes", stored.bytes.memory}, {"device_bytes", stored.bytes.device}};
     if (stored.serial) {
       tile["serial"] = *stored.serial;
-      tile["ids_sha256"] = stored.ids_sha256;
+      tile["files_sha256"] = stored.files_sha256;
     }
     Json left_out = Json::array();
     for (const auto& cell : stored.left_out) left_out.push_back(cell);
@@ -356,9 +392,11 @@ Json RollingTiles::saveAll() {
   return tiles;
 }
 
-void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, const MapTime& now) {
+void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, std::vector<Ball> closed,
+                           const MapTime& now) {
   updated_at_ = now;
   lost_ = std::move(lost);
+  closed_ = std::move(closed);
   for (const Json& tile : tiles) {
     const TileId id = TileId::parse(tile.at("tile"));
     StoredTile stored;
@@ -367,12 +405,20 @@ void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, con
     tile.at("updated").get_to(stored.updated);
     tile.at("behind").get_to(stored.behind);
     tile.at("owed").get_to(stored.owed);
+    tile.at("closed").get_to(stored.closed);
+    if (stored.closed > closed_.size()) throw InvalidArgument("usage.tile", id.name(), "has more than there is");
     tile.at("bytes").get_to(stored.bytes.memory);
     tile.at("device_bytes").get_to(stored.bytes.device);
     if (tile.contains("serial")) {
       stored.serial = tile.at("serial").get<std::uint64_t>();
-      tile.at("ids_sha256").get_to(stored.ids_sha256);
+      tile.at("files_sha256").get_to(stored.files_sha256);
       serial_ = std::max(serial_, *stored.serial + 1);
+      const RollingFiles files = filesOf({id.x, id.y}, *stored.serial);
+      for (const fs::path& file : {files.state, files.ids}) {
+        if (io::isFile(file)) continue;
+        throw InputError("rolling.damaged", file.string(), "is missing",
+                         "Restore it from a copy of the folder, or start again with another folder");
+      }
     }
     for (const Json& cell : tile.at("left_out")) stored.left_out.insert(cell.get<std::array<std::int32_t, 3>>());
     if (!id.quarters.empty() || stored_.contains({id.x, id.y}))
@@ -397,7 +443,7 @@ void RollingTiles::removeLeftovers() const {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder_, ignored)) {
     std::uint64_t serial = 0;
-    if (isRollingFile(entry.path().filename().string(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
+    if (isRollingFile(entry.path(), serial) && !kept_.contains(serial)) fs::remove(entry, ignored);
   }
 }
 

@@ -24,6 +24,7 @@
 #include "accessvdb/tool_spec.h"
 #include "field/field_access.h"
 #include "field/tools/shared_tables.h"
+#include "points/changed_points.h"
 #include "tiles/disk_thread.h"
 #include "tiles/json_file.h"
 #include "tiles/ray_shard.h"
@@ -50,11 +51,12 @@ struct TileBytes {
 struct StoredTile {
   /// Part of its files' names: a file is never written twice. None if the tile has only left_out.
   std::optional<std::uint64_t> serial;
-  std::string ids_sha256;
+  std::string files_sha256;                ///< RollingFiles::write()
   std::uint64_t touched = 0, returns = 0;  ///< as in RollingTile
   bool updated = false, behind = false;
   bool owed = false;  ///< an update that others have had
   TileBytes bytes;
+  std::size_t closed = 0;                          ///< as in RollingTile
   std::set<std::array<std::int32_t, 3>> left_out;  ///< cells with returns that were left out since it was saved
 };
 
@@ -71,15 +73,18 @@ class RollingTile {
   std::vector<std::uint32_t> ids;  ///< in the larger map, by id in the tile; kNotOurs for points around the core
   std::uint64_t touched = 0;       ///< the last step that brought a return
   std::uint64_t returns = 0;
-  bool lost = false;                   ///< made anew, closed, because its state was damaged
-  bool updated = false;                ///< at least once
-  bool behind = false;                 ///< a scan came after the last update
+  bool lost = false;       ///< made anew, closed, because its state was damaged
+  bool updated = false;    ///< at least once
+  bool behind = false;     ///< a scan came after the last update
+  std::size_t closed = 0;  ///< so many of RollingTiles::closed() are in the field
+  /// What was told of its points (RollingField::takeChanged()), if that is asked for.
+  std::optional<internal::ChangedPoints> told;
   TileBytes bytes;                     ///< as last measured
   std::optional<StoredTile> as_saved;  ///< its files, if nothing has changed since they were written
   /// Its files are being written: nobody else may use the field. Of a tile that has no as_saved.
   struct Saving {
     StoredTile stored;
-    std::shared_ptr<std::string> ids_sha256;
+    std::shared_ptr<std::string> files_sha256;
     DiskThread::Handle work;
     std::uint64_t since;  ///< step
   };
@@ -95,8 +100,9 @@ class RollingTiles {
     std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< 0 = none
   };
   /// @param params  as the user gave them; the origin comes with the first scan  @param tables  of these tools
+  /// @param notes_changes  whether RollingTile::told is kept
   RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, std::unique_ptr<internal::SharedTables> tables,
-               std::filesystem::path folder, const Limits& limits, std::int32_t tile_voxels);
+               std::filesystem::path folder, const Limits& limits, std::int32_t tile_voxels, bool notes_changes);
 
   void setOrigin(const std::array<double, 3>& origin_W) {
     if (!params_.origin_W) params_.origin_W = origin_W;  // the disk's thread reads it
@@ -130,6 +136,15 @@ class RollingTiles {
   void leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f> p_L);
   /// Rays that it will never learn of: what they pass may have gone. The same
   void leaveOutRays(const TileIndex& id, const internal::FieldAccess::Returns& rays);
+  /// A ball of the world in which returns were left out.
+  struct Ball {
+    Eigen::Vector3d centre_W;
+    double radius_m;
+  };
+  /// Of all tiles, those that will be made included. One way or the other, every tile gets all balls in the same order,
+  /// as one field would.
+  void close(std::span<const Ball> balls);
+  [[nodiscard]] const std::vector<Ball>& closed() const { return closed_; }
   /// A tile in memory that stopped growing goes out and comes back, so that it grows again.
   RollingTile& growAgain(const TileIndex& id, const MapTime& now);
   /// Room for as much is kept in the next step. @param growth  of the tiles that the step touched
@@ -150,13 +165,19 @@ class RollingTiles {
     take(tile);
   }
   [[nodiscard]] std::map<TileIndex, std::unique_ptr<RollingTile>>& tilesInMemory() { return in_memory_; }
+  /// Those in memory, in the order in which they would leave.
+  [[nodiscard]] std::vector<TileIndex> oldestFirst() const {
+    return leavers([](const TileIndex&, const RollingTile&) { return false; });
+  }
 
   /// Saves what has changed of the tiles in memory, which stay there. @return all tiles, for restore()
   [[nodiscard]] Json saveAll();
   /// Of a folder where another object has called saveAll(). Only while there are no tiles; labels are as of now. What
   /// else a process that was killed has left there goes.
-  /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write
-  void restore(const Json& tiles, std::vector<std::string> lost, const MapTime& now);
+  /// @param closed  closed() of that time
+  /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write; InputError "rolling.damaged"
+  ///         if a file is missing
+  void restore(const Json& tiles, std::vector<std::string> lost, std::vector<Ball> closed, const MapTime& now);
   /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go. Nothing
   /// is under way afterwards but reading.
   void keep(const Json& tiles);
@@ -179,17 +200,19 @@ class RollingTiles {
   };
 
   [[nodiscard]] RollingTile* find(const TileIndex& id);
-  [[nodiscard]] AccessibilityField newField(const TileIndex& id) const;
+  [[nodiscard]] RollingTile newTile(const TileIndex& id) const;
   /// As of the last update, if there was one. @param read  in advance, if it was
   [[nodiscard]] RollingTile load(const TileIndex& id, std::optional<RollingTile> read);
   /// On any thread. @param stored  with a serial
-  [[nodiscard]] RollingTile readBack(const TileIndex& id, std::uint64_t serial, const std::string& ids_sha256) const;
+  [[nodiscard]] RollingTile readBack(const TileIndex& id, std::uint64_t serial, const std::string& files_sha256) const;
   /// What was read in advance, if anything was.
   [[nodiscard]] std::optional<RollingTile> takeAhead(const TileIndex& id);
   void beginAhead(const TileIndex& id, const StoredTile& stored, std::uint64_t step);
   void dropAhead(const TileIndex& id);
   /// One that others need more leaves. @return false if there is none
   bool dropOneAhead(const TileIndex& but, std::uint64_t wanted_before);
+  /// Balls that it has not had.
+  void closeIn(RollingTile& tile) const;
   /// A tile whose state is damaged: everything in it is closed.
   [[nodiscard]] RollingTile startClosed(const TileIndex& id);
   [[nodiscard]] StoredTile describe(const RollingTile& tile);
@@ -226,6 +249,8 @@ class RollingTiles {
   std::filesystem::path folder_;
   Limits limits_;
   std::int32_t tile_voxels_;
+  bool notes_changes_;
+  std::vector<Ball> closed_;
   std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
   std::map<TileIndex, StoredTile> stored_;   ///< disjoint from those in memory
   MapTime updated_at_;                       ///< the last update

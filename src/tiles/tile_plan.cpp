@@ -13,6 +13,7 @@
 #include "field/scan_gate.h"
 #include "field/tools/window_margins.h"
 #include "io/streams/sha256.h"
+#include "tiles/first_difference.h"
 #include "tiles/json_file.h"
 #include "tiles/tile_grid.h"
 #include "tool/tool_kernel.h"
@@ -87,34 +88,6 @@ SurveyFrame frameFrom(const Json& json) {
   json.at("adjusted_gps_time").get_to(frame.adjusted_gps_time);
   json.at("first_returns").get_to(frame.first_returns);
   return frame;
-}
-
-/// "name value" per line.
-std::vector<std::pair<std::string, std::string>> valuesOf(const std::string& text) {
-  std::vector<std::pair<std::string, std::string>> values;
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    const std::size_t blank = std::min(line.find(' '), line.size());
-    values.emplace_back(line.substr(0, blank), line.substr(std::min(blank + 1, line.size())));
-  }
-  return values;
-}
-
-/// The first parameter that only one of two texts has, or that has another value.
-std::string firstDifference(const std::string& then, const std::string& now) {
-  const auto before = valuesOf(then), after = valuesOf(now);
-  const auto in = [](const auto& values, const std::string& name) {
-    const auto found =
-        std::find_if(values.begin(), values.end(), [&](const auto& value) { return value.first == name; });
-    return found == values.end() ? std::string("none") : found->second;
-  };
-  for (const auto& [name, value] : before) {
-    if (in(after, name) != value) return name + " " + value + " instead of " + in(after, name);
-  }
-  for (const auto& [name, value] : after) {
-    if (in(before, name) != value) return name + " " + in(before, name) + " instead of " + value;
-  }
-  return "other values";
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <cstdlib>
 
 #include "cli/checkpoint_world.h"
@@ -143,7 +144,8 @@ TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
   writeRollingWorld({.scans = 2}, folder_);
   const std::vector<std::vector<std::string>> contradictions = {
       {"--change", "full"}, {"--policy", "paper"},           {"--tiles", "12.8"},        {"--surface"},
-      {"--sequence", "1"},  {"--remove", "box:0,0,0,1,1,1"}, {"--resume", path("else")}, {"--checkpoint", path("cp")}};
+      {"--sequence", "1"},  {"--remove", "box:0,0,0,1,1,1"}, {"--resume", path("else")}, {"--checkpoint", path("cp")},
+      {"--keep-rays"},      {"--bin-memory", "64M"},         {"--mirror-distance"},      {"--removed-as", "free"}};
   for (const std::vector<std::string>& more : contradictions) {
     std::vector<std::string> all = more;
     all.insert(all.end(), {"--out", path("out")});
@@ -152,7 +154,100 @@ TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
     EXPECT_NE(refused.err.find("usage.rolling"), std::string::npos) << more.front() << refused.err;
   }
   EXPECT_FALSE(fs::exists(folder_ / "roll"));
-  EXPECT_EQ(runProgram(rolling({"--out", path("roll")})).exit_code, 2);
+  // However they are written, and whether they are there or not.
+  for (const std::string out : {"roll", "roll/", "roll/../roll", "roll/sub", "."}) {
+    const ProgramResult refused = runProgram(rolling({"--out", path(out)}));
+    EXPECT_EQ(refused.exit_code, 2) << out << refused.err;
+    EXPECT_FALSE(fs::exists(folder_ / "roll")) << out;
+  }
+  ASSERT_EQ(runProgram(rolling({"--out", path("out"), "--resume", path("roll/")})).exit_code, 0);
+  // What the result would replace, and what it was made from.
+  const ProgramResult kept = runProgram(rolling({"--out", path("out"), "--resume", path("roll"), "--no-clobber"}));
+  EXPECT_EQ(kept.exit_code, 7) << kept.err;
+  const std::string plan = readText("out/plan.json");
+  EXPECT_EQ(runProgram(rolling({"--out", path("out"), "--fresh"})).exit_code, 7);
+  EXPECT_EQ(readText("out/plan.json"), plan) << "nothing is deleted for a run that is refused";
+  for (const char* flag : {"--resume", "--checkpoint"}) {
+    const ProgramResult other = runProgram(arguments({"--out", path("one"), flag, path("roll")}));
+    EXPECT_EQ(other.exit_code, 4) << other.err;
+    EXPECT_NE(other.err.find("--rolling"), std::string::npos) << other.err;
+  }
+}
+
+/// The cure that is printed for a damaged tile makes it again from the scans, and never an empty one.
+TEST_F(RollingMap, ATileOfTheResultIsMadeAgainFromTheScans) {
+  writeRollingWorld({.scans = 8, .step_m = 4}, folder_);
+  ASSERT_EQ(runProgram(rolling({"--out", path("out")})).exit_code, 0);
+  std::string tile;
+  for (const auto& entry : fs::directory_iterator(folder_ / "out/tiles"))
+    if (fs::is_directory(entry)) tile = entry.path().filename().string();
+  for (const bool damaged : {true, false}) {
+    const fs::path points = folder_ / "out/tiles" / tile / "points.ply";
+    std::string bytes = contentOf(points);
+    bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
+    std::ofstream(points, std::ios::binary) << bytes;
+    if (!damaged) fs::remove_all(points.parent_path());
+    EXPECT_NE(runProgram({"tile", "merge", path("out"), "--points", path("bad.ply")}).exit_code, 0);
+    const std::vector<std::string> again = {"tile", "run", "--tile", tile, path("out")};
+    const ProgramResult without = runProgram(again);
+    EXPECT_EQ(without.exit_code, 3) << without.err;
+    EXPECT_NE(without.err.find("rays.missing"), std::string::npos) << without.err;
+    const ProgramResult binned = runProgram({"tile", "bin", path("out")});
+    ASSERT_EQ(binned.exit_code, 0) << binned.err;
+    const ProgramResult made = runProgram(again);
+    ASSERT_EQ(made.exit_code, 0) << made.err;
+    expectOnePiece("out");
+  }
+}
+
+/// A run that was killed while it wrote, and then scans that were corrected: none of the old tiles is in the result.
+TEST_F(RollingMap, TilesOfARunThatWasCutOffAreNotTaken) {
+  writeRollingWorld({.scans = 8, .step_m = 4}, folder_);
+  ASSERT_EQ(runProgram(rolling({"--out", path("out")})).exit_code, 0);
+  const std::string before = contentOf(folder_ / "out/field.json");
+  fs::remove(folder_ / "out/plan.json");  // it comes last
+  fs::remove_all(folder_ / "roll");
+  const std::string other = contentOf(folder_ / "scans/000005.pcd");
+  std::ofstream(folder_ / "scans/000003.pcd", std::ios::binary) << other;
+  const ProgramResult run = runProgram(rolling({"--out", path("out")}));
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_NE(contentOf(folder_ / "out/field.json"), before);
+  expectOnePiece("out");
+  // The same command repairs what was damaged since.
+  for (const auto& entry : fs::recursive_directory_iterator(folder_ / "out/tiles"))
+    if (entry.path().filename() == "points.ply") std::ofstream(entry.path(), std::ios::binary) << "ply";
+  const ProgramResult repaired = runProgram(rolling({"--out", path("out"), "--resume", path("roll")}));
+  ASSERT_EQ(repaired.exit_code, 0) << repaired.err;
+  expectOnePiece("out");
+}
+
+TEST_F(RollingMap, AnotherOriginIsRefusedAndDamageIsSaid) {
+  writeRollingWorld({.scans = 8, .step_m = 4}, folder_);
+  ASSERT_EQ(runProgram(rolling({"--out", path("out")})).exit_code, 0);
+  const ProgramResult moved =
+      runProgram(rolling({"--out", path("out2"), "--resume", path("roll"), "--origin", "1,0,0"}));
+  EXPECT_EQ(moved.exit_code, 4) << moved.err;
+  EXPECT_NE(moved.err.find("rolling.changed"), std::string::npos) << moved.err;
+  ASSERT_EQ(runProgram(rolling({"--out", path("out"), "--resume", path("roll")})).exit_code, 0);
+  expectOnePiece("out");
+
+  std::vector<fs::path> states;
+  for (const auto& entry : fs::directory_iterator(folder_ / "roll"))
+    if (entry.path().extension() == ".state") states.push_back(entry.path());
+  ASSERT_GT(states.size(), 1U);
+  std::sort(states.begin(), states.end());
+  const std::string good = contentOf(states.front());
+  fs::remove(states.front());
+  const ProgramResult missing = runProgram(rolling({"--out", path("out2"), "--resume", path("roll")}));
+  EXPECT_EQ(missing.exit_code, 3) << missing.err;
+  EXPECT_NE(missing.err.find("rolling.damaged"), std::string::npos) << missing.err;
+  std::string bad = good;
+  bad[bad.size() / 2] = static_cast<char>(bad[bad.size() / 2] ^ 1);
+  std::ofstream(states.front(), std::ios::binary) << bad;
+  const ProgramResult damaged = runProgram(rolling({"--out", path("out2"), "--resume", path("roll")}));
+  EXPECT_EQ(damaged.exit_code, 0) << damaged.err;
+  EXPECT_NE(damaged.err.find("warning[rolling.lost]"), std::string::npos) << damaged.err;
+  EXPECT_NE(readText("out2/report.json").find("rolling.lost"), std::string::npos);
 }
 
 }  // namespace

@@ -136,6 +136,68 @@ TEST(RollingLoss, IsATileOfAFieldWithOtherParameters) {
   EXPECT_EQ(ours.status().lost_tiles, std::vector<std::string>{tileOf(our_file)});
 }
 
+/// A process that was killed before its first checkpoint has left files, and nothing to go on from: it begins again.
+/// What only has a name like ours stays.
+TEST(RollingResume, BeginsAgainWhereThereWasNoCheckpoint) {
+  const Case test = {.name = "early", .seed = 27};
+  const std::vector<Step> steps = walk(test, 24);
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "tiles";
+  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
+  options.tile_voxels = kTile_voxels;
+  {
+    RollingField killed(toolsOf(test), paramsOf(test), options);
+    for (std::size_t n = 0; n < 14; ++n) integrate(killed, steps[n], 0.1 * static_cast<double>(n));
+    EXPECT_GT(killed.status().saved, 0U);
+  }
+  const auto states = [&] {
+    std::size_t count = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(options.folder))
+      count += entry.path().extension() == ".state" ? 1 : 0;
+    return count;
+  };
+  EXPECT_GT(states(), 0U);
+  writeBytes(options.folder / "3_4.77.state", "mine");
+  std::filesystem::create_directory(options.folder / "5_5.78.ids");
+  RollingField again = RollingField::resume(toolsOf(test), paramsOf(test), options);
+  EXPECT_EQ(again.status().steps, 0U);
+  EXPECT_EQ(states(), 1U) << "mine";
+  EXPECT_TRUE(std::filesystem::exists(options.folder / "5_5.78.ids"));
+  AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+    integrate(again, steps[n], 0.1 * static_cast<double>(n));
+  }
+  unlimited.update();
+  again.update();
+  EXPECT_EQ(differences(unlimited.snapshot(), again.snapshot()), 0U);
+}
+
+/// Also where everything is scored at the end: memory stays below the limit all the way.
+TEST(RollingUpdate, OfAllTilesAtOnceKeepsTheLimit) {
+  const Case test = {.name = "at_once", .seed = 28, .change = ChangeMode::Block};
+  const std::vector<Step> steps = walk(test);
+  const ScratchFolder scratch;
+  RollingOptions options;
+  options.folder = scratch / "tiles";
+  options.memory_limit_bytes = bytesOfAll(test, steps) * 7 / 10;
+  options.tile_voxels = kTile_voxels;
+  AccessibilityField unlimited(toolsOf(test), paramsOf(test));
+  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    integrate(unlimited, steps[n], 0.1 * static_cast<double>(n));
+    integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+  }
+  unlimited.update();
+  rolling.update();
+  const RollingStatus status = rolling.status();
+  EXPECT_LE(status.memory_bytes, options.memory_limit_bytes);
+  // The tile that is being scored comes beside.
+  EXPECT_LE(status.peak_memory_bytes, options.memory_limit_bytes / 10 * 11);
+  EXPECT_EQ(differences(unlimited.snapshot(), rolling.snapshot()), 0U);
+}
+
 /// What is written beside the steps and cannot be, is tried again when the tile has to leave. Nothing is lost.
 TEST(RollingDisk, ThatIsFullIsSaidByTheStepThatNeedsIt) {
   for (const Pace pace : {Pace::AtOnce, Pace::WhenNeeded, Pace::Beside}) {

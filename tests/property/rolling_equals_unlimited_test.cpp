@@ -481,7 +481,7 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   EXPECT_EQ(with([](auto& json) { json["first_ids"].clear(); }), "rolling.damaged");
   EXPECT_EQ(with([](auto& json) { json["points"] = 1; }), "rolling.damaged");
   EXPECT_EQ(with([](auto& json) { json.erase("origin_W"); }), "rolling.damaged");
-  EXPECT_EQ(with([](auto& json) { json["schema"] = 2; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["schema"] = 1; }), "rolling.damaged");
   EXPECT_EQ(with([](auto& json) { json["tiles"] = 3; }), "rolling.damaged");
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
   // A new field does not begin in it.

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live session in Python gives what a field gives that is fed with the same scans, and accounts for every scan."""
 
+import os
 import tempfile
 import threading
 import unittest
@@ -203,6 +204,32 @@ class Live(unittest.TestCase):
         now, expected = live.snapshot(), fed(taken)
         np.testing.assert_array_equal(now.position_W, expected.position_W)
         np.testing.assert_array_equal(now.label, expected.label)
+
+    def test_a_map_in_tiles_is_that_of_a_field_and_goes_on(self):
+        with tempfile.TemporaryDirectory() as folder:
+            tiles = os.path.join(folder, "tiles")
+            live = session(rolling=tiles)
+            for n in range(4):
+                self.send(live, n)
+                self.assertIsNotNone(live.step())
+            live.checkpoint("four")
+            self.assertEqual(live.status()["rolling"]["steps"], 4)
+            del live
+            live = session(rolling=tiles, resume=True)
+            for n in range(4, 8):
+                self.send(live, n)
+                self.assertIsNotNone(live.step())
+            now, expected = live.snapshot(), fed(range(8))
+            np.testing.assert_array_equal(now.position_W, expected.position_W)
+            np.testing.assert_array_equal(now.label, expected.label)
+            live.write(os.path.join(folder, "out"))
+            self.assertTrue(os.path.exists(os.path.join(folder, "out", "plan.json")))
+            with self.assertRaises(accessvdb.InvalidArgument):
+                live.reset()
+        live = session()
+        self.assertIsNone(live.status()["rolling"])
+        with self.assertRaises(accessvdb.InvalidArgument):
+            live.checkpoint()
 
     def test_what_cannot_be_used_is_counted_or_refused(self):
         live = session(memory_limit_bytes=1)

@@ -10,6 +10,7 @@
 #include "accessvdb/error.h"
 #include "runs/checkpoint.h"
 #include "runs/memory_check.h"
+#include "runs/rolling_live.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -57,6 +58,12 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   flags.option("--points-every", &options.points_every_s, "seconds between messages with all points; 0 = never");
   flags.option("--status-every", &options.status_every_s, "seconds between messages about the run");
   flags.option("--checkpoint", &map.checkpoint, "folder in which the command checkpoint leaves the map's state");
+  flags.option("--rolling", &map.rolling,
+               "folder for tiles that the sensor has left: they go there past --max-memory, and come back with it, so "
+               "that a flight of any length fits");
+  flags.option("--checkpoint-every", &map.checkpoint_every,
+               "with --rolling: time between checkpoints, for example 30s, 5m or 1h; 0 = only at the end");
+  flags.option("--resume", &map.resume, "the folder of --rolling again: go on after its last checkpoint");
   flags.option("--scan-log", &options.scan_log, "write a line per scan into this file: taken, or why not");
   addFieldOptions(flags, map);
   addSensorOptions(flags, map.sensor);
@@ -105,6 +112,7 @@ void checkLiveOptions(const LiveRunOptions& options) {
   }
   if (options.map.exported.sequence > 0)
     throw InvalidArgument("usage.sequence", "--sequence", "is for map, not for live", "Leave it out");
+  requireRollingPossible(options);
   checkCheckpointOptions(options.map);
   (void)sessionOptions(options);
   (void)participantOptions(options);

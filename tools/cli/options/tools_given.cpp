@@ -87,6 +87,12 @@ double voxelThatShows_m(const ToolGeometry& tool, FieldParams params, double mos
   return 0;
 }
 
+double largestShareHidden(const std::vector<ToolSpec>& tools, const FieldParams& params) {
+  double share = 0;
+  for (const ToolSpec& tool : tools) share = std::max(share, toolShareHidden(tool.tool, toolParams(tool, params)));
+  return share;
+}
+
 void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& tools, const FieldParams& params,
                        double share, Messages& messages) {
   if (share <= kMostHidden || options.allow_hidden_tool) {

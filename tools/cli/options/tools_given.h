@@ -24,10 +24,12 @@ void addDoubtfulToolOptions(FlagParser& flags, MapOptions& options);
 /// @throws UnusableInput "tool.open"  if one has an opening too wide to be closed, unless --allow-open-tool
 void requireClosedTools(const MapOptions& options, const std::vector<ToolSpec>& tools);
 /// Warns, too, where a tool hides less, but much.
-/// @param params  of the field  @param share  the largest of all tools: AccessibilityField::toolShareHidden()
+/// @param params  of the field  @param share  largestShareHidden()
 /// @throws UnusableInput "tool.hidden"  if it is more than half, unless --allow-hidden-tool
 void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& tools, const FieldParams& params,
                        double share, Messages& messages);
+/// As AccessibilityField::toolShareHidden(), without a field.
+[[nodiscard]] double largestShareHidden(const std::vector<ToolSpec>& tools, const FieldParams& params);
 /// The largest of the usual edges of voxels, no larger than `most_m`, at which the tool hides no more than half of
 /// itself; 0: none.
 [[nodiscard]] double voxelThatShows_m(const ToolGeometry& tool, FieldParams params, double most_m);

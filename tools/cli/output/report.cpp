@@ -54,7 +54,7 @@ Json jsonLive(const LiveReport& live) {
   for (const LiveAnswer& answer : live.commands.answers)
     answers.push_back(
         {{"id", Json::parse(answer.id)}, {"command", answer.command}, {"done", answer.done}, {"words", answer.words}});
-  return {
+  Json json = {
       {"published", status.published},
       {"taken", status.taken},
       {"late", status.late},
@@ -97,6 +97,16 @@ Json jsonLive(const LiveReport& live) {
         {"full", status.memory_full},
         {"left_out_returns", status.left_out_returns}}},
       {"latency_ms", {{"p50", status.latency_p50_ms}, {"p99", status.latency_p99_ms}, {"max", status.latency_max_ms}}}};
+  if (const auto& rolling = status.rolling) {
+    json["rolling"] = {{"tiles", rolling->tiles},
+                       {"tiles_in_memory", rolling->tiles_in_memory},
+                       {"saved", rolling->saved},
+                       {"loaded", rolling->loaded},
+                       {"memory_short", rolling->memory_short},
+                       {"lost_tiles", rolling->lost_tiles}};
+    if (rolling->memory_short) json["rolling"]["fitting_range_m"] = rolling->fitting_range_m;
+  }
+  return json;
 }
 
 Json jsonAgreement(const io::ScanAgreement& agreement) {

@@ -16,6 +16,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/program/path_facts.h"
+#include "accessvdb/rolling_field.h"
 #include "accessvdb/saved_state.h"
 #include "output/json_text.h"
 #include "output/progress.h"
@@ -90,6 +91,11 @@ void Checkpoints::prepare() {
   every_s_ = parseDuration_s("--checkpoint-every", options_.checkpoint_every);
   folder_ = options_.checkpoint.empty() ? options_.resume : options_.checkpoint;
   if (folder_.empty()) return;
+  for (const std::string& folder : {options_.resume, options_.checkpoint}) {
+    if (folder.empty() || !RollingField::hasCheckpoint(folder)) continue;
+    throw UnusableInput("state.other", folder, "holds the tiles of a run with --rolling",
+                        "Add --rolling " + folder + " to go on with it, or use another folder");
+  }
   if (!options_.resume.empty()) {
     if (holdsCheckpoint(options_.resume, ErrorCode::Input)) {
       readManifest();

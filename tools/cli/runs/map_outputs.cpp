@@ -32,7 +32,8 @@ void MapOutputs::claim() {
     if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
     if (options_.html) outputs.emplace_back(kPageFile);
     if (!options_.survey.carry.empty()) outputs.emplace_back(kTableFile);
-    if (options_.fresh) outputs.emplace_back("plan.json");
+    if (options_.fresh || !options_.rolling.empty()) outputs.emplace_back("plan.json");
+    if (!options_.rolling.empty()) outputs.insert(outputs.end(), {"field.json", "rays.json", "tiles"});
     for (const std::string& file : outputs) {
       if (!io::isTaken(out / file, ErrorCode::Output)) continue;
       refused_ = true;

@@ -24,6 +24,7 @@
 #include "runs/memory_check.h"
 #include "runs/progress_json.h"
 #include "runs/reading_losses.h"
+#include "runs/rolling_words.h"
 #include "runs/tiled_map.h"
 
 namespace accessvdb::tools {
@@ -32,22 +33,18 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-bool isSameFolder(const fs::path& a, const fs::path& b) { return fs::weakly_canonical(a) == fs::weakly_canonical(b); }
-
-std::optional<std::string> whyNotRolling(const MapOptions& options, const FieldParams& params) {
+std::optional<std::string> whyNotRollingMap(const MapOptions& options, const FieldParams& params) {
   if (options.tiles != "auto") return "--tiles sorts all returns first; leave it out";
-  if (options.exported.surface) return "--surface needs all points at once";
   if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
   if (!options.remove.empty()) return "--remove needs a map in one piece";
   if (!options.survey.carry.empty()) return "--carry needs a map in one piece, or --tiles";
   if (options.survey.index) return "--index needs a map in one piece, or --tiles";
-  if (!options.checkpoint.empty()) return "its folder holds the checkpoints; leave --checkpoint out";
-  if (!options.resume.empty() && !isSameFolder(options.resume, options.rolling)) {
-    return "--resume names another folder; name the same one in both";
-  }
-  if (isSameFolder(options.out, options.rolling)) return "--out is the same folder; the result needs one of its own";
+  if (options.keep_rays || !options.bin_memory.empty()) return "--keep-rays and --bin-memory are for --tiles";
+  if (options.mirror_distance) return "--mirror-distance is for maps in one piece";
+  if (!options.removed_as.empty() && options.removed_as != MapOptions().removed_as)
+    return "--removed-as is for --remove";
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
-  return std::nullopt;
+  return whyNotRolling(options);
 }
 
 class RollingRun {
@@ -69,14 +66,15 @@ class RollingRun {
 
   int run() {
     tiles::requireOwnFolders(options_.out);
-    requireShown();
+    std::tie(source_.parameters, source_.flight) = plannedSources(sources_);
+    requireNames();
+    requireShownTools(options_, sources_.tools, params_, largestShareHidden(sources_.tools, params_), messages_);
     RollingField field = open();
-    sayTiles(field);
+    words_.sayTiles(field.status(), params_.tsdf.voxel_size_m);
     const std::size_t first = readResumed(field);
     integrateAll(field, first);
     const int signal = stopSignal();
     if (report_.points_used > 0) field.checkpoint(note());
-    sayStatus(field.status());
     if (signal != 0) {
       messages_.notice(
           std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) + " of " +
@@ -90,19 +88,19 @@ class RollingRun {
                               std::to_string(report_.scans) + " scans can be used (" + droppedInWords(report_) + ")",
                           "Check the scans, --min-range and --max-range");
     }
+    words_.sayEnd(field.status());
     report_.exit_code = signal == 0 ? 0 : 128 + signal;
     return report_.exit_code;
   }
 
  private:
-  void requireShown() const {
-    double hidden = 0;
-    for (const ToolSpec& tool : sources_.tools) {
-      hidden = std::max(hidden, toolShareHidden(tool.tool, toolParams(tool, params_)));
-    }
-    requireShownTools(options_, sources_.tools, params_, hidden, messages_);
+  /// That plan.json can be written, which is the last thing to be. @throws UnusableInput "plan.name"
+  void requireNames() const {
+    tiles::Plan plan;
+    plan.tool_name = namesOf(sources_.tools);
+    plan.flights.push_back(source_.flight);
+    static_cast<void>(tiles::identified(std::move(plan)));
   }
-
   /// What --max-memory leaves for tiles: the rest is the process without any, and a step of scans.
   [[nodiscard]] std::uint64_t tileLimit() const {
     const std::optional<std::uint64_t> limit = memoryLimit(options_);
@@ -120,30 +118,12 @@ class RollingRun {
     return *limit - used;
   }
   RollingField open() {
-    const bool there = RollingField::hasCheckpoint(options_.rolling);
-    const bool resumes = !options_.resume.empty() && there;
-    if (!resumes && tiles::hasPlan(options_.out)) {  // said now, not after hours
-      throw OutputError("output.foreign", options_.out, "holds the tiles of another run",
-                        "Choose another folder, or --fresh to delete them");
-    }
-    if (!resumes && there) {
-      throw OutputError("output.foreign", options_.rolling, "holds the tiles of an earlier run",
-                        "Add --resume " + options_.rolling + " to go on with it, or choose another folder");
-    }
+    const bool resumes = !options_.resume.empty() && RollingField::hasCheckpoint(options_.rolling);
     RollingOptions rolling;
     rolling.folder = options_.rolling;
     rolling.memory_limit_bytes = tileLimit();
     return resumes ? RollingField::resume(sources_.tools, params_, rolling, tableProgress(messages_))
                    : RollingField(sources_.tools, params_, rolling, tableProgress(messages_));
-  }
-
-  void sayTiles(const RollingField& field) {
-    const RollingStatus now = field.status();
-    const double voxel_m = params_.tsdf.voxel_size_m;
-    messages_.notice("tiles of " + std::to_string(now.tile_voxels) + " voxels, " +
-                     numberText(now.tile_voxels * voxel_m) + " m, with a margin of " +
-                     numberText(now.margin_voxels * voxel_m) + " m for the tool; those that leave memory wait in " +
-                     options_.rolling);
   }
 
   [[nodiscard]] RunProgress progress() const {
@@ -164,7 +144,7 @@ class RollingRun {
 
   /// Reads the scans that the field has already: they have to be the same ones. @return their number
   std::size_t readResumed(const RollingField& field) {
-    if (field.note().empty()) return 0;
+    if (field.note().empty() && field.status().steps == 0) return 0;
     RunProgress before;
     Reading reading;
     try {
@@ -175,8 +155,12 @@ class RollingRun {
       before.steps = std::numeric_limits<std::uint64_t>::max();
     }
     if (before.next_step != field.status().steps || before.next_step > before.steps) {
-      throw InputError("rolling.damaged", options_.rolling, "says what no run of map can have left",
-                       "Use another folder");
+      throw UnusableInput("rolling.changed", options_.rolling, "was not made by map: it holds other scans",
+                          "Go on with what it was made by, or use another folder");
+    }
+    if (before.next_step < sources_.scans.size() && tiles::hasPlan(options_.out)) {  // said now, not after hours
+      throw OutputError("output.foreign", options_.out, "holds the tiles of another run",
+                        "Choose another folder for --out");
     }
     const ResumedProgress resumed = {before, reading, options_.resume};
     requireSameReading(resumed, reading_, sources_.scans.size());
@@ -216,10 +200,14 @@ class RollingRun {
         report_.score.add(updated.score_ms);
       }
       report_.frame.add(1e3 * secondsSince(begin));
-      noteShort(field.status());
+      words_.note(field.status());
       progress.show(step + 1, fs::path(record.path).filename().string());
       if (checkpoint_every_s_ > 0 && secondsSince(last_checkpoint) >= checkpoint_every_s_) {
-        field.checkpoint(note());
+        try {
+          field.checkpoint(note());
+        } catch (const OutputError& error) {  // the one before it is whole
+          if (!std::exchange(said_failed_, true)) messages_.warning("checkpoint.failed", error.what());
+        }
         last_checkpoint = Clock::now();
       }
     }
@@ -232,55 +220,20 @@ class RollingRun {
     return jsonText(json, -1);
   }
 
-  void noteShort(const RollingStatus& now) {
-    if (!now.memory_short) return;
-    ++short_scans_;
-    fitting_range_m_ = std::min(fitting_range_m_, now.fitting_range_m);
-  }
-  void sayStatus(const RollingStatus& now) {
-    messages_.notice(std::to_string(now.tiles) + " tiles, " + std::to_string(now.tiles_in_memory) +
-                     " of them in memory; " + std::to_string(now.saved) + " left it, " + std::to_string(now.loaded) +
-                     " came back");
-    if (now.left_out_returns > 0) {
-      messages_.warning(
-          "rolling.short",
-          std::to_string(now.left_out_returns) + " returns were left out for lack of memory, in " +
-              std::to_string(short_scans_) + " scans of this run, and block what lies around them; more --max-memory" +
-              (std::isfinite(fitting_range_m_) && fitting_range_m_ > 0
-                   ? ", or --max-range " + numberText(std::floor(10 * fitting_range_m_) / 10) + ", would take all"
-                   : " would take them"));
-    }
-    if (!now.lost_tiles.empty()) {
-      messages_.warning("rolling.lost", std::to_string(now.lost_tiles.size()) +
-                                            " tiles were damaged on the disk, and all their points are unscored: " +
-                                            now.lost_tiles.front() + (now.lost_tiles.size() > 1 ? " and others" : ""));
-    }
-  }
-
   void finish(RollingField& field) {
-    const auto begin = Clock::now();
     const std::string of_scans = note();  // without what else belongs to them
     for (const std::string& path : sources_.scans.paths()) hash(path);
     losses_.say(sources_.scans, messages_);
     if (!messages_.quiet()) messages_.notice("scoring, and writing the tiles");
     io::WriteOptions files = writeOptions(options_.exported);
     files.frame = sources_.scans.frame();
-    RollingSource source;
-    std::tie(source.parameters, source.flight) = plannedSources(sources_);
+    RollingSource source = source_;
     source.inputs = report_.inputs;
     source.inputs.insert(source.inputs.end(), scans_.begin(), scans_.end());
     source.frame = sources_.scans.frame();
     source.truncated_points = losses_.truncated;
-    tiles::Status status;
-    status.done = field.write(options_.out, files, source);
+    writeRolling(field, options_, files, source, report_, messages_);
     field.checkpoint(of_scans);  // with the labels
-    const tiles::Job job = {options_.out, tiles::readPlan(options_.out), sources_.tools, params_};
-    report_.device.clear();
-    writeResult({job, options_, *tiles::binned(options_.out, job.plan), status}, report_, messages_);
-    messages_.notice("wrote " + std::to_string(status.done.size()) + " tiles with " +
-                     std::to_string(report_.surface_points) + " points, field.json, preview.png and report.json into " +
-                     options_.out + " in " + secondsInWords(secondsSince(begin)));
-    messages_.notice("one file of all points: accessvdb tile merge " + options_.out + " --points all.ply");
   }
 
   const PlanSources& sources_;
@@ -292,19 +245,21 @@ class RollingRun {
   double checkpoint_every_s_;
   Reading reading_;
   ReadingLosses losses_;
+  RollingWords words_{options_.rolling, messages_};
   std::vector<io::InputFile> scans_;
   std::set<std::string> hashed_;
-  std::uint64_t short_scans_ = 0;
-  double fitting_range_m_ = std::numeric_limits<double>::infinity();
+  RollingSource source_;  ///< without what only the end knows
+  bool said_failed_ = false;
 };
 
 }  // namespace
 
 void requireRollingPossible(const MapOptions& options, const FieldParams& params) {
-  if (const auto reason = whyNotRolling(options, params)) {
+  if (const auto reason = whyNotRollingMap(options, params)) {
     throw InvalidArgument("usage.rolling", "--rolling " + options.rolling, *reason,
                           "Leave that option out, or --rolling");
   }
+  requireRollingFolders(options);
 }
 
 int mapRolling(const PlanSources& sources, const std::vector<io::InputFile>& poses, RunReport& report,

@@ -10,6 +10,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/params_rows.h"
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/tool_tables.h"
 #include "options/tools_given.h"
@@ -127,11 +128,7 @@ std::uint64_t binBytes(const MapOptions& options) {
 tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
   const FieldParams& params = sources.params;
   const double voxel_m = params.tsdf.voxel_size_m;
-  double hidden = 0;
-  for (const ToolSpec& tool : sources.tools) {
-    hidden = std::max(hidden, toolShareHidden(tool.tool, toolParams(tool, params)));
-  }
-  requireShownTools(sources.options, sources.tools, params, hidden, messages);
+  requireShownTools(sources.options, sources.tools, params, largestShareHidden(sources.tools, params), messages);
   const tiles::TileMargins margins = tiles::tileMargins(sources.tools, params, tableProgress(messages));
   tiles::Plan plan;
   plan.program = ACCESSVDB_VERSION;
@@ -152,7 +149,8 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   return plan;
 }
 
-/// Files that a run in one piece left: they are of another run than the tiles. Later ones may be merged from these.
+}  // namespace
+
 void removePieces(const fs::path& out) {
   std::error_code ignored;
   for (const fs::path& file : inFolder(out, {"field.vdb", "field_points.vdb", "points.ply", "points.las"})) {
@@ -160,11 +158,10 @@ void removePieces(const fs::path& out) {
   }
 }
 
-}  // namespace
+namespace {
 
-std::pair<std::string, tiles::Flight> plannedSources(const PlanSources& sources) {
-  const FieldParams& params = sources.params;
-  PlanSettings settings = sources.settings;
+/// With what scans or the verb have decided.
+PlanSettings settled(PlanSettings settings, const FieldParams& params) {
   std::erase_if(settings,
                 [](const auto& setting) { return setting.first == "range-noise" || setting.first == "origin"; });
   // What was recorded next to the scans is found again without them, and an origin without the earlier result.
@@ -173,7 +170,31 @@ std::pair<std::string, tiles::Flight> plannedSources(const PlanSources& sources)
     settings.emplace_back(
         "origin", fullNumber((*origin_W)[0]) + "," + fullNumber((*origin_W)[1]) + "," + fullNumber((*origin_W)[2]));
   }
+  return settings;
+}
+
+}  // namespace
+
+std::pair<std::string, tiles::Flight> plannedSources(const PlanSources& sources) {
+  const PlanSettings settings = settled(sources.settings, sources.params);
   return {textOf(settings, kOfTheResult), flightOf(sources, settings)};
+}
+
+std::pair<std::string, tiles::Flight> plannedLive(const PlanSettings& given, const FieldParams& params) {
+  PlanSettings settings = settled(given, params);
+  MapOptions ignored;
+  FlagParser of_map;
+  addMapFlags(of_map, ignored, "--out");
+  std::erase_if(settings, [&](const auto& setting) {
+    return !of_map.has(setting.first) || setting.first == "change" || setting.first == "free-for";
+  });
+  // The defaults of live are others.
+  settings.emplace_back("change", kEnumWords<ChangeMode>[static_cast<std::size_t>(params.change.mode)]);
+  if (std::isfinite(params.change.free_for_s)) settings.emplace_back("free-for", fullNumber(params.change.free_for_s));
+  tiles::Flight flight;
+  flight.options = textOf(settings, kOfAFlight);
+  flight.settings = settings;
+  return {textOf(settings, kOfTheResult), flight};
 }
 
 PlanSettings planSettings(const FlagParser& flags) {

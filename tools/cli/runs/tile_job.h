@@ -36,6 +36,13 @@ struct PlanSources {
 /// flight.
 [[nodiscard]] std::pair<std::string, tiles::Flight> plannedSources(const PlanSources& sources);
 
+/// The same of a live run, of which no scan is in a file. @param given  planSettings()  @param params  resolved
+[[nodiscard]] std::pair<std::string, tiles::Flight> plannedLive(const PlanSettings& given, const FieldParams& params);
+
+/// Deletes the files that a run in one piece left in the folder, where they are ours: they are of another run than the
+/// tiles. Later ones may be merged from these.
+void removePieces(const std::filesystem::path& out);
+
 /// The plan of these sources, written into the folder, or the one that is there if it is the same: sizes of that one
 /// are kept where none are given.
 /// @param chosen_voxels  edge of a tile that the prediction of memory chose; 0 takes --tiles

@@ -31,6 +31,7 @@
 #include "runs/gpu_fallback.h"
 #include "runs/live_commands.h"
 #include "runs/live_words.h"
+#include "runs/rolling_live.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -58,7 +59,9 @@ struct Refused : std::runtime_error {
 /// One run. Its report is always complete, so that it can be written whatever happens.
 class LiveRun {
  public:
-  LiveRun(const LiveRunOptions& options, Messages& messages) : options_(options), messages_(messages) {
+  /// @param settings  planSettings()
+  LiveRun(const LiveRunOptions& options, PlanSettings settings, Messages& messages)
+      : options_(options), messages_(messages), rolling_(options, std::move(settings), report_, messages) {
     forgetCounts();
   }
 
@@ -71,16 +74,17 @@ class LiveRun {
   void claimOutputFolder();
   void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
   void receive(LiveSession& session, dds::Participant& participant, ScanLog& log);
+  std::optional<LiveStep> takeStep(LiveSession& session);
   void takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log);
   static dds::OutgoingFrame outgoing(const LiveSession& session);
   void note(const LiveStep& step);
   void forgetCounts();
-  void publishPoints(const LiveSession& session, dds::Participant& participant);
+  void publishPoints(LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
   void obey(LiveSession& session, dds::Participant& participant);
   [[nodiscard]] std::string carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant);
   void writeFiles(const LiveSession& session);
-  void finish(const LiveSession& session);
+  void finish(LiveSession& session);
 
   const LiveRunOptions& options_;
   Messages& messages_;
@@ -88,6 +92,7 @@ class LiveRun {
   LiveCommands commands_;
   Checkpoints checkpoints_{options_.map, messages_};
   RunReport report_;
+  RollingLive rolling_;
   Eigen::AlignedBox3d surface_W_;
   bool refused_ = false;  // existing outputs must stay
   bool said_many_ = false, said_disagree_ = false;
@@ -108,6 +113,10 @@ void LiveRun::claimOutputFolder() {
       throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
                         "Choose another --out folder");
     }
+  }
+  if (!options_.map.rolling.empty()) {
+    rolling_.prepare();
+    files = {"field.json", "preview.png", "report.json"};
   }
   const Paths outputs = inFolder(out, files);
   requireNoInputs(joined(outputs, {options_.scan_log}), namedInputs(options_.map));
@@ -173,12 +182,26 @@ void LiveRun::forgetCounts() {
 
 /// Points go out in the frame of the odometry, whatever was turned level here.
 dds::OutgoingFrame LiveRun::outgoing(const LiveSession& session) {
-  return {session.status().world_frame, session.levelling(), session.field().tools().size() > 1};
+  return {session.status().world_frame, session.levelling(), session.tools().size() > 1};
+}
+
+/// Of a map in tiles, a full disk does not end the flight: that scan is dropped as failed, and blocks.
+std::optional<LiveStep> LiveRun::takeStep(LiveSession& session) {
+  RollingField* const tiles = session.rolling();
+  if (tiles == nullptr) return session.step();
+  std::optional<LiveStep> step;
+  try {
+    step = session.step();
+  } catch (const Error& error) {
+    if (!rolling_.goesOnAfter(error)) throw;
+  }
+  rolling_.afterStep(*tiles, step.has_value());
+  return step;
 }
 
 /// One scan at a time: in a flood there is always another, and status, points and words must come all the same.
 void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log) {
-  if (const auto step = session.step()) {
+  if (const auto step = takeStep(session)) {
     note(*step);
     log.taken(*step);
     if (!step->changed.empty() && participant.subscribers(dds::Output::Changes) > 0) {
@@ -188,23 +211,30 @@ void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, Scan
   log.dropped(session.takeDropped());
 }
 
-/// All points, if somebody listens and has not had them.
-void LiveRun::publishPoints(const LiveSession& session, dds::Participant& participant) {
+/// All points, or those of the tiles in memory, if somebody listens and has not had them.
+void LiveRun::publishPoints(LiveSession& session, dds::Participant& participant) {
   const std::uint64_t listeners = participant.subscribers(dds::Output::Points);
   const bool changed = scans_ever_ != sent_after_scans_ || listeners > sent_to_;
   sent_to_ = listeners;
   if (listeners == 0 || !changed || scans_ever_ == 0) return;
-  const auto points = session.field().points();
-  if (points->size() > kMostSentPoints) {
-    if (!std::exchange(said_many_, true)) {
-      messages_.warning("live.many_points", std::to_string(points->size()) +
-                                                " points are too many for one message: " + dds::kOutputTopics[0] +
-                                                " stops, " + dds::kOutputTopics[1] + " goes on");
+  const auto publish = [&](const SurfacePoints& points) {
+    if (points.size() > kMostSentPoints) {
+      if (!std::exchange(said_many_, true)) {
+        messages_.warning("live.many_points", std::to_string(points.size()) +
+                                                  " points are too many for one message: " + dds::kOutputTopics[0] +
+                                                  " stops, " + dds::kOutputTopics[1] + " goes on");
+      }
+      return;
     }
-    return;
+    participant.publish(dds::Output::Points, dds::cloudMessage(points, last_stamp_ns_, outgoing(session)));
+    sent_after_scans_ = scans_ever_;
+  };
+  if (RollingField* const tiles = session.rolling()) {
+    const FieldSnapshot around = tiles->snapshotInMemory();
+    publish(SnapshotPoints(around));
+  } else {
+    publish(*session.field().points());
   }
-  participant.publish(dds::Output::Points, dds::cloudMessage(*points, last_stamp_ns_, outgoing(session)));
-  sent_after_scans_ = scans_ever_;
 }
 
 void LiveRun::publishStatus(const LiveSession& session, dds::Participant& participant) {
@@ -254,11 +284,17 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
   };
   switch (command.kind) {
     case LiveCommandKind::Save:
+      if (session.rolling() != nullptr) refuse("cannot be done: --rolling writes the files when the run ends");
       if (session.field().points()->size() == 0) refuse("cannot be done: there is nothing to save");
       writeFiles(session);
       writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
       return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out;
     case LiveCommandKind::Checkpoint: {
+      if (RollingField* const tiles = session.rolling()) {
+        if (report_.scans == 0) refuse("cannot be done: there is no scan in the map");
+        rolling_.checkpoint(*tiles);
+        return "checkpoint after " + std::to_string(report_.scans) + " scans in " + options_.map.rolling;
+      }
       if (options_.map.checkpoint.empty()) refuse("cannot be done: the program was started without --checkpoint");
       if (report_.scans == 0) refuse("cannot be done: there is no scan in the map");
       checkpoints_.noteChange();  // what was lost may have closed something since, without a scan
@@ -270,12 +306,14 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       return "checkpoint after " + std::to_string(report_.scans) + " scans in " + options_.map.checkpoint;
     }
     case LiveCommandKind::Reset:
+      if (session.rolling() != nullptr) refuse("cannot be done with --rolling: start again with another folder");
       session.reset();
       forgetCounts();
       checkpoints_.noteChange();
       showPoints({});
       return "the map is empty";
     case LiveCommandKind::Remove: {
+      if (session.rolling() != nullptr) refuse("cannot be done with --rolling");
       const LiveRemoval removal = session.removeRegion(Region::box(command.min_W, command.max_W), command.removed_as);
       checkpoints_.noteChange();
       showPoints(removal.changed);
@@ -312,12 +350,12 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
   participant.stopReceiving();
   session.endOfPoses();
   while (session.status().waiting > 0) {
-    if (const auto step = session.step()) {
+    if (const auto step = takeStep(session)) {
       note(*step);
       log.taken(*step);
     }
   }
-  static_cast<void>(session.step());  // scores what --update-every left
+  static_cast<void>(takeStep(session));  // scores what --update-every left
   log.dropped(session.takeDropped());
   log.finish(session.status().allDropped());
   publishStatus(session, participant);
@@ -337,8 +375,13 @@ void LiveRun::writeFiles(const LiveSession& session) {
   addOutputs(report_.outputs, out, {"preview.png"});
 }
 
-void LiveRun::finish(const LiveSession& session) {
+void LiveRun::finish(LiveSession& session) {
   const MapOptions& map = options_.map;
+  if (RollingField* const tiles = session.rolling()) {
+    rolling_.finish(*tiles);
+    messages_.notice(agreementInWords(session.agreement()));
+    return;
+  }
   const AccessibilityField& field = session.field();
   writeFiles(session);
   const RunFacts facts{report_, SceneStatistics(), surface_W_, field.origin_W(), field.params().tsdf.voxel_size_m};
@@ -355,7 +398,7 @@ int LiveRun::run() {
   FieldParams params = fieldParams(options_.map);
   setParameters(params);
   claimOutputFolder();
-  checkpoints_.prepare();
+  if (options_.map.rolling.empty()) checkpoints_.prepare();
   watchStopSignals();
   const std::vector<ToolSpec> tools = loadTools(options_.map);
   params.approach.rolls = rollsOf(tools.front().tool, params.approach);
@@ -369,14 +412,20 @@ int LiveRun::run() {
   sayChangeNotes(params, messages_);
   report_.tools = reportedTools(options_.map, tools);
   ScanLog log(options_.scan_log);
-  LiveSession session(tools, params, sessionOptions(options_), tableProgress(messages_));
-  requireShownTools(options_.map, tools, session.field().params(), session.field().toolShareHidden(), messages_);
-  for (std::size_t k = 0; k < report_.tools.size(); ++k)
-    report_.tools[k].collision_limit = session.field().collisionLimit(k);
-  report_.device = session.field().deviceName();
-  report_.device_note_id = session.field().deviceNoteId();
-  report_.device_note = session.field().deviceNote();
-  sayWhyNotOnGpu(session.field(), messages_);
+  LiveOptions of_session = sessionOptions(options_);
+  if (!options_.map.rolling.empty()) rolling_.addTo(of_session);
+  LiveSession session(tools, params, of_session, tableProgress(messages_));
+  requireShownTools(options_.map, tools, session.params(), largestShareHidden(tools, params), messages_);
+  if (const RollingField* const tiles = session.rolling()) {
+    rolling_.begin(*tiles);
+  } else {
+    for (std::size_t k = 0; k < report_.tools.size(); ++k)
+      report_.tools[k].collision_limit = session.field().collisionLimit(k);
+    report_.device = session.field().deviceName();
+    report_.device_note_id = session.field().deviceNoteId();
+    report_.device_note = session.field().deviceNote();
+    sayWhyNotOnGpu(session.field(), messages_);
+  }
   {
     const dds::ParticipantOptions domain = participantOptions(options_);
     dds::Participant participant(
@@ -391,18 +440,19 @@ int LiveRun::run() {
     receive(session, participant, log);
   }
   const int signal = stopSignal();
+  const bool any =
+      session.rolling() != nullptr ? session.rolling()->status().points > 0 : session.field().points()->size() > 0;
   messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
                    numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(scans_ever_) + " of " +
-                   std::to_string(report_.live->status.published) + " scans taken" +
-                   (session.field().points()->size() > 0 ? "" : "; nothing to save"));
-  if (session.field().points()->size() > 0) finish(session);
+                   std::to_string(report_.live->status.published) + " scans taken" + (any ? "" : "; nothing to save"));
+  if (any) finish(session);
   report_.exit_code = 128 + signal;
   writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
   return report_.exit_code;
 }
 
 void LiveRun::reportFailure(const Failure& failure) {
-  if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
+  if (failure.id == "output.is_input" || failure.id == "output.foreign" || failure.id == "usage.rolling") return;
   if (!options_.map.out.empty() && !refused_)
     writeFailure(options_.map.out, options_.map.no_clobber, report_, failure, messages_);
 }
@@ -418,7 +468,7 @@ int runLive(const Arguments& arguments, Messages& messages) {
     printConfig(flags, options.map, "accessvdb live");
     return 0;
   }
-  LiveRun run(options, messages);
+  LiveRun run(options, planSettings(flags), messages);
   try {
     return run.run();
   } catch (const std::exception& error) {

@@ -429,7 +429,7 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
 
 void MapRun::reportFailure(const Failure& failure) {
   // The folder stays as it was, without a report.
-  if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
+  if (failure.id == "output.is_input" || failure.id == "output.foreign" || failure.id == "usage.rolling") return;
   if (!options_.out.empty() && !outputs_.refused())
     writeFailure(options_.out, options_.no_clobber, report_, failure, messages_);
 }

@@ -19,6 +19,9 @@ class ChangedPoints {
   /// @param points  all points of a field, of which the first ones are those of the call before
   /// @return those that are new, or whose label, reason or direction changed, in the same order
   [[nodiscard]] std::vector<SurfacePoint> since(const SurfacePoints& points);
+  [[nodiscard]] std::uint64_t bytes() const {
+    return seen_.capacity() * sizeof seen_[0] + tools_.capacity() * sizeof tools_[0];
+  }
 
  private:
   struct Seen {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "live/changed_points.h"
+#include "points/changed_points.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>

@@ -1,0 +1,124 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "live/live_map.h"
+
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "accessvdb/surface_points.h"
+
+namespace accessvdb::internal {
+namespace {
+
+std::uint64_t bytesOf(const MemoryUse& use) {
+  return use.map_bytes + use.mirror_bytes + use.distance_mirror_bytes + use.point_host_bytes + use.point_device_bytes;
+}
+
+template <typename Field>
+FrameStats integrateInto(Field& field, const io::ScanRecord& record, double stamp_s) {
+  return record.origins_W.empty() ? field.integrateScan(record.points_S, record.T_W_S, stamp_s)
+                                  : field.integrateRays(record.points_W, record.origins_W, stamp_s);
+}
+
+}  // namespace
+
+LiveMap::LiveMap(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
+                 const TableProgress& progress)
+    : given_params_(params),
+      limit_bytes_(options.memory_limit_bytes),
+      map_(make(std::move(tools), params, options, progress)) {}
+
+LiveMap::Map LiveMap::make(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
+                           const TableProgress& progress) {
+  if (!options.rolling) {
+    const bool several = tools.size() > 1;
+    return OneField{AccessibilityField(std::move(tools), params, progress), ChangedPoints(several)};
+  }
+  RollingOptions rolling = *options.rolling;
+  rolling.memory_limit_bytes = options.memory_limit_bytes;
+  rolling.notes_changes = true;
+  return options.resume ? RollingField::resume(std::move(tools), params, std::move(rolling), progress)
+                        : RollingField(std::move(tools), params, std::move(rolling), progress);
+}
+
+LiveMap::OneField& LiveMap::one() {
+  if (OneField* const one = std::get_if<OneField>(&map_)) return *one;
+  throw InvalidArgument("live.rolling", "rolling", "makes a map of tiles, for which this is not possible",
+                        "Use a session without rolling, or its rolling field");
+}
+
+AccessibilityField& LiveMap::field() { return one().field; }
+
+FrameStats LiveMap::integrate(const io::ScanRecord& record, double stamp_s) {
+  RollingField* const tiles = rolling();
+  return tiles != nullptr ? integrateInto(*tiles, record, stamp_s) : integrateInto(one().field, record, stamp_s);
+}
+
+UpdateStats LiveMap::update() { return rolling() != nullptr ? rolling()->update() : one().field.update(); }
+
+std::vector<SurfacePoint> LiveMap::takeChanged() {
+  return rolling() != nullptr ? rolling()->takeChanged() : one().changes.since(*one().field.points());
+}
+
+void LiveMap::leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m) {
+  if (rolling() != nullptr) {
+    rolling()->leaveOut(centres_W, radius_m);
+  } else {
+    one().field.leaveOut(centres_W, radius_m);
+  }
+}
+
+void LiveMap::reset() {
+  OneField& before = one();
+  const std::vector<ToolSpec> tools = before.field.tools();
+  before.field = AccessibilityField(tools, given_params_);
+  before.changes = ChangedPoints(tools.size() > 1);
+}
+
+void LiveMap::tell(LiveStatus& status) {
+  if (const RollingField* const tiles = rolling()) {
+    status.rolling = tiles->status();
+    status.memory_bytes = status.rolling->memory_bytes + status.rolling->device_bytes;
+    status.surface_points = status.rolling->points;
+    return;
+  }
+  AccessibilityField& field = one().field;
+  status.memory_bytes = bytesOf(field.memoryUse());
+  if (field.grows() && limit_bytes_ > 0 && status.memory_bytes > limit_bytes_) field.stopGrowing();
+  status.memory_full = !field.grows();
+}
+
+const FieldParams& LiveMap::params() const {
+  return std::visit(
+      [](const auto& map) -> const FieldParams& {
+        if constexpr (requires { map.field; })
+          return map.field.params();
+        else
+          return map.params();
+      },
+      map_);
+}
+
+const std::vector<ToolSpec>& LiveMap::tools() const {
+  return std::visit(
+      [](const auto& map) -> const std::vector<ToolSpec>& {
+        if constexpr (requires { map.field; })
+          return map.field.tools();
+        else
+          return map.tools();
+      },
+      map_);
+}
+
+Eigen::Vector3d LiveMap::origin_W() const {
+  return std::visit(
+      [](const auto& map) -> Eigen::Vector3d {
+        if constexpr (requires { map.field; })
+          return map.field.origin_W();
+        else
+          return map.origin_W();
+      },
+      map_);
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,59 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The map of a live session: one field, or a rolling one.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <variant>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/live_session.h"
+#include "accessvdb/rolling_field.h"
+#include "accessvdb/scan_io.h"
+#include "accessvdb/tool_spec.h"
+#include "points/changed_points.h"
+
+namespace accessvdb::internal {
+
+class LiveMap {
+ public:
+  /// @throws what LiveSession's constructor throws
+  LiveMap(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
+          const TableProgress& progress);
+
+  FrameStats integrate(const io::ScanRecord& record, double stamp_s);
+  UpdateStats update();
+  /// As LiveStep::changed. After an update().
+  [[nodiscard]] std::vector<SurfacePoint> takeChanged();
+  void leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m);
+  /// @throws InvalidArgument "live.rolling"
+  void reset();
+  /// Sets what it knows of LiveStatus. From the memory limit on it no longer grows, or tiles leave.
+  void tell(LiveStatus& status);
+
+  [[nodiscard]] const FieldParams& params() const;
+  [[nodiscard]] const std::vector<ToolSpec>& tools() const;
+  [[nodiscard]] Eigen::Vector3d origin_W() const;
+  /// @throws InvalidArgument "live.rolling" of a rolling map
+  [[nodiscard]] AccessibilityField& field();
+  [[nodiscard]] RollingField* rolling() { return std::get_if<RollingField>(&map_); }
+
+ private:
+  struct OneField {
+    AccessibilityField field;
+    ChangedPoints changes;
+  };
+  using Map = std::variant<OneField, RollingField>;
+  static Map make(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
+                  const TableProgress& progress);
+  [[nodiscard]] OneField& one();
+
+  FieldParams given_params_;
+  std::uint64_t limit_bytes_;
+  Map map_;
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,54 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// `live --rolling`: checkpoints, words and files of a live map in tiles.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+
+#include "accessvdb/live_session.h"
+#include "options/live_options.h"
+#include "output/error_output.h"
+#include "output/report.h"
+#include "runs/rolling_words.h"
+#include "runs/tile_job.h"
+
+namespace accessvdb::tools {
+
+class RollingLive {
+ public:
+  /// @param report  gets what an earlier run took, and the result
+  /// @param settings  planSettings()
+  RollingLive(const LiveRunOptions& options, PlanSettings settings, RunReport& report, Messages& messages);
+
+  /// Before the session is made: whether both folders will do. @throws OutputError
+  void prepare();
+  /// Sets what the session needs. @throws InputError, OutputError where --rolling and --resume do not fit the folder
+  void addTo(LiveOptions& options) const;
+  /// Once the session is there. @throws UnusableInput if the folder is not that of a live run
+  void begin(const RollingField& field);
+  /// After each try of a step: a checkpoint when its time has come. @param taken  whether there was one
+  void afterStep(RollingField& field, bool taken);
+  /// @throws OutputError
+  void checkpoint(RollingField& field);
+  /// Whether the run may go on after this failure of a step.
+  [[nodiscard]] bool goesOnAfter(const Error& error);
+  /// The last checkpoint, and the files. Nothing is written where nothing was seen.
+  void finish(RollingField& field);
+
+ private:
+  const LiveRunOptions& options_;
+  PlanSettings settings_;
+  RunReport& report_;
+  Messages& messages_;
+  RollingWords words_;
+  double every_s_ = 0;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+  std::uint64_t saved_steps_ = 0;  ///< of the field, in its last checkpoint
+  bool said_failed_ = false;
+};
+
+/// @throws InvalidArgument "usage.rolling"
+void requireRollingPossible(const LiveRunOptions& options);
+
+}  // namespace accessvdb::tools
