@@ -34,7 +34,7 @@ void requireAlone(const FieldParams& params) {
   if (!params.window || params.change.mode != ChangeMode::Full) return;
   throw InvalidArgument("config.window", "window",
                         "cannot be combined with ChangeMode::Full, whose rays reach beyond a tile",
-                        "Use ChangeMode::Block, or a RollingField");
+                        "Use ChangeMode::Block, or RollingField");
 }
 
 }  // namespace

@@ -78,6 +78,11 @@ TEST_F(RollingMap, WhatHasGoneHasGoneInTilesToo) {
   EXPECT_GT(saved(run.err), 3) << run.err;
   EXPECT_EQ(run.err.find("rolling.short"), std::string::npos) << run.err;
   expectOnePiece("out", full);
+  for (const char* step : {"bin", "run"}) {  // which do one tile after the other
+    const ProgramResult alone = runProgram({"tile", step, path("out")});
+    EXPECT_EQ(alone.exit_code, 2) << alone.err;
+    EXPECT_NE(alone.err.find("--rolling"), std::string::npos) << alone.err;
+  }
   EXPECT_NE(readText("one/report.json").find("\"changed\": "), std::string::npos);
   EXPECT_EQ(readText("one/report.json").find("\"changed\": 0"), std::string::npos);
 }
@@ -142,10 +147,17 @@ TEST_F(RollingMap, LeavesForeignFoldersAlone) {
 
 TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
   writeRollingWorld({.scans = 2}, folder_);
-  const std::vector<std::vector<std::string>> contradictions = {
-      {"--change", "full"}, {"--policy", "paper"},           {"--tiles", "12.8"},        {"--surface"},
-      {"--sequence", "1"},  {"--remove", "box:0,0,0,1,1,1"}, {"--resume", path("else")}, {"--checkpoint", path("cp")},
-      {"--keep-rays"},      {"--bin-memory", "64M"},         {"--mirror-distance"},      {"--removed-as", "free"}};
+  const std::vector<std::vector<std::string>> contradictions = {{"--policy", "paper"},
+                                                                {"--tiles", "12.8"},
+                                                                {"--surface"},
+                                                                {"--sequence", "1"},
+                                                                {"--remove", "box:0,0,0,1,1,1"},
+                                                                {"--resume", path("else")},
+                                                                {"--checkpoint", path("cp")},
+                                                                {"--keep-rays"},
+                                                                {"--bin-memory", "64M"},
+                                                                {"--mirror-distance"},
+                                                                {"--removed-as", "free"}};
   for (const std::vector<std::string>& more : contradictions) {
     std::vector<std::string> all = more;
     all.insert(all.end(), {"--out", path("out")});
