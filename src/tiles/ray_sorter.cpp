@@ -11,12 +11,12 @@ namespace {
 /// Rays are walked leaf by leaf, and a leaf at the margin is looked at as a whole; one voxel is for rounding.
 constexpr double kLeafAndRounding_voxels = 9;
 
-struct Interval {
+struct PartOfRay {
   double low, high;
 };
 
 /// The part of a way from 0 to 1 that lies from low to high along one axis.
-Interval partWithin(double from, double to, double low, double high) {
+PartOfRay partWithin(double from, double to, double low, double high) {
   if (from == to) return {0, 1};
   const double a = (low - from) / (to - from), b = (high - from) / (to - from);
   return {std::clamp(std::min(a, b), 0.0, 1.0), std::clamp(std::max(a, b), 0.0, 1.0)};
@@ -60,7 +60,7 @@ void RaySorter::forEachTile(const Eigen::Vector2d& from, const Eigen::Vector2d& 
   TileIndex id;
   for (id.first = first(std::min(from.x(), to.x())); id.first <= last(std::max(from.x(), to.x())); ++id.first) {
     const double begin = static_cast<double>(id.first) * tile_voxels_;
-    const Interval part = partWithin(from.x(), to.x(), begin - margin_voxels_, begin + tile_voxels_ + margin_voxels_);
+    const PartOfRay part = partWithin(from.x(), to.x(), begin - margin_voxels_, begin + tile_voxels_ + margin_voxels_);
     const double a = from.y() + part.low * (to.y() - from.y()), b = from.y() + part.high * (to.y() - from.y());
     for (id.second = first(std::min(a, b)); id.second <= last(std::max(a, b)); ++id.second) visit(id);
   }
