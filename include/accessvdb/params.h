@@ -131,8 +131,8 @@ struct ACCESSVDB_API FieldParams {
   /// [m] World position of the local frame, rounded to whole voxels, in place of the first sensor's position. Fields
   /// with the same origin have the same voxels.
   std::optional<std::array<double, 3>> origin_W = std::nullopt;
-  /// Limits the field to one tile. Needs origin_W; not for the paper's policy or projective fusion, whose results
-  /// depend on the whole map.
+  /// Limits the field to one tile. Needs origin_W; not for the paper's policy, projective fusion or ChangeMode::Full,
+  /// whose results depend on the whole map.
   std::optional<FieldWindow> window = std::nullopt;
   /// What returns carry to the points (attributes.h); the files have a column of each. A point takes 4 bytes of each,
   /// and 12 for each value that its returns do not agree on. Names have up to 31 letters, digits or _, begin with

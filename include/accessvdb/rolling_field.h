@@ -71,8 +71,8 @@ struct RollingSource {
 /// For one thread at a time, as a field. After a step that failed half-way it answers nothing any more.
 class ACCESSVDB_API RollingField {
  public:
-  /// @throws InvalidArgument "rolling.params" (a window, a budget, the paper's policy, projective fusion or
-  ///         ChangeMode::Full), "rolling.tile"; OutputError "output.foreign" for a folder with something in it; what
+  /// @throws InvalidArgument "rolling.params" (a window, a budget, the paper's policy or projective fusion),
+  ///         "rolling.tile"; OutputError "output.foreign" for a folder with something in it; what
   ///         AccessibilityField's constructor throws
   RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                const TableProgress& progress = {});

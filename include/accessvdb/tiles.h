@@ -145,7 +145,8 @@ struct Job {
 
 /// Reads the scans and sorts their returns by tile. Goes on after the last finished part of an earlier call.
 /// @param flights  the scans of each
-/// @throws InputError while reading; OutputError; UnusableInput "plan.changed" for a scan that changed
+/// @throws InputError while reading; OutputError; UnusableInput "plan.changed" for a scan that changed; InvalidArgument
+///         "config.change" for ChangeMode::Full, which takes a RollingField
 ACCESSVDB_API Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch = {});
 /// What an earlier bin() did; nothing if it was not finished.
 [[nodiscard]] ACCESSVDB_API std::optional<Binned> binned(const std::filesystem::path& out, const Plan& plan);
@@ -174,7 +175,8 @@ struct Tile {
 /// Runs one tile, or its quarters where it would not fit. Finished ones are not run again.
 /// @param which  one of Binned::returns_of or a part of it
 /// @return the finished tiles: one, or those of the quarters; fewer if `stop` ended it
-/// @throws InvalidArgument "usage.tile"; ResourceLimit "limit.memory" if even the smallest would not fit; InputError
+/// @throws InvalidArgument "usage.tile", "config.change" as bin(); ResourceLimit "limit.memory" if even the smallest
+/// would not fit; InputError
 ///         "rays.damaged"; OutputError
 ACCESSVDB_API std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                                     const Watch& watch = {});

@@ -68,8 +68,13 @@ using LeafCells = std::array<CellRecord, 8>;
 
 /// Which of the leaf's cells a voxel is in. @param bit  of the voxel in its leaf (bitInParent)
 constexpr std::size_t cellOfBit(std::size_t bit) { return (bit >> 8 & 1) << 2 | (bit >> 5 & 1) << 1 | (bit >> 2 & 1); }
+inline constexpr int kCellEdge = 4;  ///< voxels
 /// Index of a voxel's cell, over the whole map.
 inline Index3 cellOfVoxel(const Index3& voxel) { return {voxel[0] >> 2, voxel[1] >> 2, voxel[2] >> 2}; }
+/// Its lowest voxel.
+inline Index3 voxelOfCell(const Index3& cell) {
+  return {kCellEdge * cell[0], kCellEdge * cell[1], kCellEdge * cell[2]};
+}
 inline std::size_t cellInLeaf(const Index3& cell) {
   return static_cast<std::size_t>((cell[0] & 1) << 2 | (cell[1] & 1) << 1 | (cell[2] & 1));
 }

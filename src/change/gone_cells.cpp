@@ -14,7 +14,6 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr int kCellEdge = 4;  // voxels
 constexpr std::size_t kHitsPerTask = 512;
 /// After so many scans, cells in which nothing is left to open are no longer walked.
 constexpr std::uint64_t kScansBetweenDrops = 16;
@@ -23,13 +22,18 @@ std::uint64_t blockOf(Pass pass) { return pass >> 9; }
 
 }  // namespace
 
-GoneCells::GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved)
-    : map_(map), points_(points) {
+std::int32_t shadowCells(const TsdfParams& resolved) {
+  return static_cast<std::int32_t>(std::ceil((resolved.truncation_distance_m / resolved.voxel_size_m + 1) / kCellEdge));
+}
+
+GoneCells::GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved,
+                     const std::optional<VoxelColumnBox>& core)
+    : map_(map), points_(points), core_(core) {
   const double v = resolved.voxel_size_m, tau = resolved.truncation_distance_m / v, sigma = resolved.range_noise_m / v;
   shape_.voxel_size_m = v;
   shape_.margin = tau + 3 * sigma;
   shape_.line_step = std::max(0.125, sigma);
-  shape_.shadow_cells = static_cast<std::int32_t>(std::ceil((tau + 1) / kCellEdge));
+  shape_.shadow_cells = shadowCells(resolved);
 }
 
 Index3 GoneCells::cellAt(CellPlace place) const {
@@ -69,8 +73,27 @@ void GoneCells::forEachHit(const std::vector<BlockHits>& hits, const Visit& visi
   });
 }
 
+/// @param visit  (PassedBlocks&), from several threads
+template <typename Visit>
+void GoneCells::forEachPart(const Visit& visit) {
+  tbb::parallel_for(std::size_t{0}, parts_.size(), [&](std::size_t n) { visit(parts_[n]); });
+}
+
 std::vector<OpenedLeaf> GoneCells::takeScan(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                             std::span<const std::uint32_t> touched) {
+  count(p_L, q_L, touched);
+  noteGone(judged());
+  return endScan();
+}
+
+void GoneCells::catchUp(std::uint64_t scans) {
+  const bool behind = scans / kScansBetweenDrops > scans_ / kScansBetweenDrops;
+  scans_ = scans;
+  if (behind) dropWhatIsDone();
+}
+
+void GoneCells::count(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                      std::span<const std::uint32_t> touched) {
   grow();
   ++scans_;
   // A hit of the same scan wins, so it revokes verdicts first.
@@ -81,10 +104,60 @@ std::vector<OpenedLeaf> GoneCells::takeScan(std::span<const Eigen::Vector3f> p_L
     cell.verdict = Verdict::Stands;
     refreshFlags(place);
   });
-  RayEvidence evidence = evidenceOf(map_, points_, shape_, {blocks_, suspect_, opening_}, p_L, q_L);
-  takePasses(evidence.passes, hit);
+  evidence_ = evidenceOf(map_, points_, shape_, {blocks_, suspect_, opening_}, p_L, q_L);
+  parts_ = byBlocks(evidence_.passes);
+  changed_ = changed_ || !hit.empty() || !parts_.empty();
+  forEachPart([this](PassedBlocks& part) { addPasses(part); });
+  // With a hit, no cell is suspect, so no leaf is added to those that are.
+  forEachHit(hit, [this](CellPlace place, std::uint32_t count) {
+    at(place).addHits(count);
+    refreshFlags(place);
+  });
+}
+
+/// All counts before any verdict: verdicts do not depend on each other.
+std::vector<Index3> GoneCells::judged() const {
+  std::vector<std::vector<Index3>> by_part(parts_.size());
+  tbb::parallel_for(std::size_t{0}, parts_.size(), [&](std::size_t n) {
+    for (const CellPlace place : parts_[n].cells) {
+      const Index3 cell = cellAt(place);
+      if (isOurs(cell) && hasGone(place)) by_part[n].push_back(cell);
+    }
+  });
+  std::vector<Index3> gone;
+  for (const std::vector<Index3>& part : by_part) gone.insert(gone.end(), part.begin(), part.end());
+  return gone;
+}
+
+void GoneCells::noteGone(std::span<const Index3> cells) {
+  for (const Index3& cell : cells) {
+    const std::uint32_t block = points_.index().blockAt({cell[0] >> 1, cell[1] >> 1, cell[2] >> 1});
+    if (block == kNone) continue;  // of another tile
+    const CellPlace place = {block, static_cast<std::uint32_t>(cellInLeaf(cell))};
+    at(place).verdict = Verdict::Gone;
+    gone_.push_back(place);
+    walkAround(place);
+    refreshFlags(place);
+    changed_ = true;
+  }
+}
+
+std::vector<OpenedLeaf> GoneCells::endScan() {
+  forEachPart([this](PassedBlocks& part) {
+    for (const CellPlace place : part.cells) {
+      if (updateFlags(place)) part.suspect.push_back(points_.index().blocks()[place.block].leaf);
+    }
+  });
+  for (const PassedBlocks& part : parts_) {
+    for (const Index3& leaf : part.suspect) suspect_.add(leaf);
+  }
   if (scans_ % kScansBetweenDrops == 0) dropWhatIsDone();
-  return std::move(evidence.opened);
+  parts_.clear();
+  std::vector<OpenedLeaf> opened = std::move(std::exchange(evidence_, {}).opened);
+  std::erase_if(opened, [this](const OpenedLeaf& leaf) {
+    return core_ && !core_->contains({8 * leaf.leaf[0], 8 * leaf.leaf[1], 8 * leaf.leaf[2]});
+  });
+  return opened;
 }
 
 void GoneCells::noteRemoved(const VoxelSet& voxels) {
@@ -128,42 +201,9 @@ std::vector<GoneCells::PassedBlocks> GoneCells::byBlocks(std::span<const Pass> p
   for (std::size_t begin = 0, end = 0; begin < passes.size(); begin = end) {
     end = std::min(begin + kPassesPerTask, passes.size());
     while (end < passes.size() && blockOf(passes[end]) == blockOf(passes[end - 1])) ++end;
-    parts.push_back({passes.subspan(begin, end - begin), {}, {}, {}});
+    parts.push_back({passes.subspan(begin, end - begin), {}, {}});
   }
   return parts;
-}
-
-/// @param passes  of a scan, ascending  @param hit  by the same scan
-void GoneCells::takePasses(std::span<const Pass> passes, const std::vector<BlockHits>& hit) {
-  std::vector<PassedBlocks> parts = byBlocks(passes);
-  const auto forEachPart = [&parts](const auto& visit) {
-    tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t n) { visit(parts[n]); });
-  };
-  forEachPart([this](PassedBlocks& part) { addPasses(part); });
-  // With a hit, no cell is suspect, so no leaf is added to those that are.
-  forEachHit(hit, [this](CellPlace place, std::uint32_t count) {
-    at(place).addHits(count);
-    refreshFlags(place);
-  });
-  // All counts before any verdict: verdicts do not depend on each other.
-  forEachPart([this](PassedBlocks& part) {
-    std::ranges::copy_if(part.cells, std::back_inserter(part.gone), [this](CellPlace place) { return hasGone(place); });
-  });
-  for (const PassedBlocks& part : parts) {
-    for (const CellPlace place : part.gone) {
-      at(place).verdict = Verdict::Gone;
-      gone_.push_back(place);
-      walkAround(place);
-    }
-  }
-  forEachPart([this](PassedBlocks& part) {
-    for (const CellPlace place : part.cells) {
-      if (updateFlags(place)) part.suspect.push_back(points_.index().blocks()[place.block].leaf);
-    }
-  });
-  for (const PassedBlocks& part : parts) {
-    for (const Index3& leaf : part.suspect) suspect_.add(leaf);
-  }
 }
 
 void GoneCells::addPasses(PassedBlocks& passed) {
@@ -262,9 +302,9 @@ void GoneCells::dropWhatIsDone() {
   std::erase_if(gone_, [this](CellPlace place) { return at(place).verdict != Verdict::Gone; });
   std::vector<CellPlace> done;
   for (const CellPlace place : gone_) {
-    if (isDone(place)) done.push_back(place);
+    if (isOurs(cellAt(place)) && isDone(place)) done.push_back(place);
   }
-  for (const CellPlace place : done) at(place).verdict = Verdict::Open;
+  for (const CellPlace place : done) setOpen(place);
   std::erase_if(gone_, [this](CellPlace place) { return at(place).verdict != Verdict::Gone; });
   opening_.clear();
   for (const CellPlace place : gone_) walkAround(place);
@@ -274,6 +314,11 @@ void GoneCells::dropWhatIsDone() {
   });
   suspect_.clear();
   for (const Index3& leaf : suspect) suspect_.add(leaf);
+}
+
+void GoneCells::setOpen(CellPlace place) {
+  at(place).verdict = Verdict::Open;
+  changed_ = true;
 }
 
 std::vector<std::uint32_t> GoneCells::blocksInOrder() const {
@@ -320,7 +365,12 @@ std::uint64_t GoneCells::bytes() const {
 
 std::vector<LeafChange> openVoxels(PackedMap& map, std::span<const OpenedLeaf> opened) {
   VoxelSet voxels;
-  for (const auto& [leaf, bits] : opened) voxels.push_back({{8 * leaf[0], 8 * leaf[1], 8 * leaf[2]}, bits});
+  for (const auto& [leaf, bits] : opened) {
+    const openvdb::Coord origin(8 * leaf[0], 8 * leaf[1], 8 * leaf[2]);
+    // A tile need not have everything that another opens beyond its reach.
+    const PackedLeaf* of_map = map.tree().probeConstLeaf(origin);
+    if (of_map != nullptr && packedValues(*of_map) != nullptr) voxels.push_back({origin, bits});
+  }
   return removeAsFree(map, voxels);
 }
 

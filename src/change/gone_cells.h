@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/params.h"
@@ -20,6 +21,7 @@
 #include "change/ray_evidence.h"
 #include "points/chunked_array.h"
 #include "points/point_store.h"
+#include "points/voxel_column_box.h"
 #include "tsdf/packed_map.h"
 #include "tsdf/removed_voxels.h"
 
@@ -27,14 +29,40 @@ namespace accessvdb::internal {
 
 class GoneCells {
  public:
-  /// @param map, points  must outlive this
-  GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved);
+  /// @param map, points  must outlive this  @param core  of a tile: other cells are judged by the tiles around it
+  GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved,
+            const std::optional<VoxelColumnBox>& core = std::nullopt);
 
   /// Takes in one scan, whose returns are in the store but not yet in the map.
   /// @param touched  points that got a return, in the order of their leaves
   /// @return the voxels that its rays open
   std::vector<OpenedLeaf> takeScan(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                    std::span<const std::uint32_t> touched);
+
+  // The same for tiles, which go through a scan side by side: what a cell is judged by may lie in another tile. Each
+  // calls these in turn, and none the next before all have called the one before.
+  /// What scans without a ray or a return here would have done. @param scans  scans() of the larger map
+  void catchUp(std::uint64_t scans);
+  /// Around the core the tiles that judge there know better in which cells nothing is left to open.
+  /// @param verdictOf  (cell) -> std::optional<Verdict>; nothing: as it is
+  template <typename VerdictOf>
+  void followOthers(const VerdictOf& verdictOf) {
+    for (const CellPlace place : gone_) {
+      if (at(place).verdict != Verdict::Gone || isOurs(cellAt(place))) continue;
+      if (verdictOf(cellAt(place)) == Verdict::Open) setOpen(place);
+    }
+  }
+  /// Hits, and the rays that pass. @param p_L, q_L  of all rays that come near the tile  @param touched  as above
+  void count(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+             std::span<const std::uint32_t> touched);
+  /// Cells of the core that have gone by this scan. Changes nothing.
+  [[nodiscard]] std::vector<Index3> judged() const;
+  /// @param cells  that have gone by this scan, of all tiles
+  void noteGone(std::span<const Index3> cells);
+  /// @return the voxels of the core that the scan's rays open
+  [[nodiscard]] std::vector<OpenedLeaf> endScan();
+  /// Whether anything that a saved state holds has changed since the last call.
+  [[nodiscard]] bool takeChanged() { return std::exchange(changed_, false); }
 
   /// A person says that these voxels are no longer what they were: what was counted in their cells is forgotten. Cells
   /// in which nothing else stands have gone by that word: rays open what is left of them, and a return revokes it.
@@ -72,27 +100,36 @@ class GoneCells {
   struct PassedBlocks {
     std::span<const Pass> passes;  ///< ascending
     std::vector<CellPlace> cells;  ///< those passed, each once
-    std::vector<CellPlace> gone;   ///< of these
     std::vector<Index3> suspect;   ///< leaves that are new among the suspect ones
   };
   [[nodiscard]] static std::vector<PassedBlocks> byBlocks(std::span<const Pass> passes);
-  void takePasses(std::span<const Pass> passes, const std::vector<BlockHits>& hit);
+  template <typename Visit>
+  void forEachPart(const Visit& visit);
   void addPasses(PassedBlocks& passed);
   [[nodiscard]] bool hasGone(CellPlace place) const;
   [[nodiscard]] bool updateFlags(CellPlace place);
   void refreshFlags(CellPlace place);
   void walkAround(CellPlace place);
   void dropWhatIsDone();
+  void setOpen(CellPlace place);
   [[nodiscard]] Index3 cellAt(CellPlace place) const;
+  [[nodiscard]] bool isOurs(const Index3& cell) const { return !core_ || core_->contains(voxelOfCell(cell)); }
 
   const PackedMap& map_;
   const PointStore& points_;
+  std::optional<VoxelColumnBox> core_;
   WalkShape shape_;
   std::uint64_t scans_ = 0;
+  RayEvidence evidence_;             ///< of the scan that is under way
+  std::vector<PassedBlocks> parts_;  ///< of its passes
+  bool changed_ = false;
   ChunkedArray<BlockCells> blocks_;  ///< per block of points
   LeafFlags suspect_, opening_;
   std::vector<CellPlace> gone_;  ///< Verdict::Gone, in no order; others may be among them
 };
+
+/// How far behind a surface its voxels may collide, in cells.
+[[nodiscard]] std::int32_t shadowCells(const TsdfParams& resolved);
 
 /// Makes what a scan opened unobserved and confirmed to be free. @return what flipped
 std::vector<LeafChange> openVoxels(PackedMap& map, std::span<const OpenedLeaf> opened);

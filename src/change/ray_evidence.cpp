@@ -199,7 +199,7 @@ class Walk {
 
   void open(const Ray& ray, const Index3& leaf_index, double from, double to) {
     const PackedLeaf* leaf = leafAt(leaf_index);
-    if (leaf == nullptr || packedValues(*leaf) == nullptr) return;
+    if (leaf == nullptr || packedValues(*leaf) == nullptr || !open_.isWalked(leaf_index)) return;
     const std::uint32_t* values = packedValues(*leaf);
     const VoxelVotes* votes = map_.votesOf(*leaf);
     OpenedLeaf open_here = {leaf_index, {}};
@@ -241,6 +241,39 @@ bool OpenCells::mayOpen(const Index3& cell) {
   const bool may = find(cell);
   known_.insert(cell, may ? 1 : 0);
   return may;
+}
+
+bool OpenCells::isWalked(const Index3& leaf) {
+  const std::uint32_t known = walked_.find(leaf);
+  if (known != PlaceMap::kAbsent) return known == 1;
+  const bool walked = isNearGone(leaf);
+  walked_.insert(leaf, walked ? 1 : 0);
+  return walked;
+}
+
+bool OpenCells::isNearGone(const Index3& leaf) const {
+  const std::int32_t reach = shape_.shadow_cells;
+  const auto low = [&](std::size_t axis) { return 2 * leaf[axis] - reach; };
+  const auto high = [&](std::size_t axis) { return 2 * leaf[axis] + 1 + reach; };
+  Index3 near;
+  for (near[0] = low(0) >> 1; near[0] <= high(0) >> 1; ++near[0]) {
+    for (near[1] = low(1) >> 1; near[1] <= high(1) >> 1; ++near[1]) {
+      for (near[2] = low(2) >> 1; near[2] <= high(2) >> 1; ++near[2]) {
+        const std::uint32_t number = points_.index().blockAt(near);
+        if (number == kNone || places_.blocks[number].gone == 0) continue;
+        for (std::size_t n = 0; n < 8; ++n) {
+          if (places_.blocks[number].cells[n].verdict != Verdict::Gone) continue;
+          bool inside = true;
+          for (std::size_t axis = 0; axis < 3; ++axis) {
+            const std::int32_t cell = 2 * near[axis] + static_cast<std::int32_t>(n >> (2 - axis) & 1);
+            inside = inside && cell >= low(axis) && cell <= high(axis);
+          }
+          if (inside) return true;
+        }
+      }
+    }
+  }
+  return false;
 }
 
 bool OpenCells::stands(const Index3& cell) const {

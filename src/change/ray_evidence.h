@@ -64,16 +64,20 @@ class OpenCells {
   OpenCells(const PackedMap& map, const PointStore& points, const WalkShape& shape, const WalkPlaces& places)
       : map_(map), points_(points), shape_(shape), places_(places) {}
   [[nodiscard]] bool mayOpen(const Index3& cell);
+  /// Whether a cell that has gone, and around which something is left to open, is near enough for a leaf's voxels to be
+  /// looked at. WalkPlaces::opening may have leaves of which that is no longer so.
+  [[nodiscard]] bool isWalked(const Index3& leaf);
 
  private:
   [[nodiscard]] bool find(const Index3& cell) const;
   [[nodiscard]] bool stands(const Index3& cell) const;
+  [[nodiscard]] bool isNearGone(const Index3& leaf) const;
 
   const PackedMap& map_;
   const PointStore& points_;
   const WalkShape& shape_;
   WalkPlaces places_;
-  PlaceMap known_;  ///< 0: no, 1: yes
+  PlaceMap known_, walked_;  ///< 0: no, 1: yes
 };
 
 }  // namespace accessvdb::internal

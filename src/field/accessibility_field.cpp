@@ -27,6 +27,18 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl : internal::FieldStages {
   using FieldStages::FieldStages;
 };
 
+namespace {
+
+/// Whether a field gets to know all that it needs from its own scans.
+void requireAlone(const FieldParams& params) {
+  if (!params.window || params.change.mode != ChangeMode::Full) return;
+  throw InvalidArgument("config.window", "window",
+                        "cannot be combined with ChangeMode::Full, whose rays reach beyond a tile",
+                        "Use ChangeMode::Block, or RollingField");
+}
+
+}  // namespace
+
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
     : AccessibilityField(onlyTool(tool, params), params) {}
 AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params,
@@ -38,6 +50,7 @@ AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldP
         const std::vector<ToolSpec> list = namedTools(std::move(tools));
         const FieldParams resolved = internal::resolvedFor(list.front(), params);
         internal::requireManyTools(list, resolved);
+        if (tables == nullptr) requireAlone(resolved);
         return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
           return std::make_unique<Impl>(list, resolved, std::move(chosen), progress, tables);
         });
@@ -248,6 +261,28 @@ FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std:
     return field.impl_->gate.gateLocal(p_L, q_L, stats, attributes);
   };
   return internal::integrateScan(*field.impl_, gate, stamp_s);
+}
+
+void internal::FieldAccess::beginScan(AccessibilityField& field, const Returns& returns, const Returns& rays,
+                                      double stamp_s) {
+  const GateScan gate = [&](FrameStats& stats) -> const GatedScan& {
+    return field.impl_->gate.gateLocal(returns.p_L, returns.q_L, stats);
+  };
+  internal::beginScan(*field.impl_, gate, rays.p_L, rays.q_L, stamp_s);
+}
+
+FrameStats internal::FieldAccess::endScan(AccessibilityField& field, std::span<const OpenedLeaf> opened) {
+  return internal::endScan(*field.impl_, opened);
+}
+
+void internal::FieldAccess::visitGoneCells(AccessibilityField& field,
+                                           const std::function<void(GoneCells& cells)>& visit) {
+  field.impl_->arena.execute([&] { visit(*field.impl_->gone_cells); });
+}
+
+bool internal::FieldAccess::agesUntil(const AccessibilityField& field, double age_s) {
+  const PackedMap& map = field.impl_->map;
+  return map.agesFreeSpace() && map.generations()->isDue(map, age_s);
 }
 
 void internal::FieldAccess::advanceTime(AccessibilityField& field, std::optional<double> latest_s, double age_s) {

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <optional>
 #include <span>
@@ -12,6 +13,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/what_if.h"
+#include "change/gone_cells.h"
 #include "tsdf/removed_voxels.h"
 
 namespace accessvdb::internal {
@@ -36,6 +38,20 @@ struct FieldAccess {
                                    std::span<const Eigen::Vector3f> q_L,
                                    double stamp_s = std::numeric_limits<double>::quiet_NaN(),
                                    std::span<const std::int32_t> attributes = {});
+  /// What passed a gate before. p_L: [n], q_L: [n] or [1]
+  struct Returns {
+    std::span<const Eigen::Vector3f> p_L, q_L;
+  };
+  /// integrateLocal() of a tile of a map with ChangeMode::Full, in two parts: between them all tiles are asked what has
+  /// gone, side by side (visitGoneCells).
+  /// @param returns  maybe none  @param rays  all that come near the tile
+  static void beginScan(AccessibilityField& field, const Returns& returns, const Returns& rays, double stamp_s);
+  /// @param opened  by the rays, in all tiles
+  static FrameStats endScan(AccessibilityField& field, std::span<const OpenedLeaf> opened);
+  /// With the field's threads. Only for ChangeMode::Full.
+  static void visitGoneCells(AccessibilityField& field, const std::function<void(GoneCells& cells)>& visit);
+  /// Whether advanceTime() to this age may change anything.
+  [[nodiscard]] static bool agesUntil(const AccessibilityField& field, double age_s);
   /// Of a tile: brings its time to that of the larger map (frame_loop.h).
   static void advanceTime(AccessibilityField& field, std::optional<double> latest_s, double age_s);
   /// A field whose memoryUse() is without the tables, which it shares with others. @param tables  must outlive it

@@ -41,7 +41,7 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
             {map, *backend, core(), params.change.mode == ChangeMode::Full ? &gone_points : nullptr, tables}, progress),
       points(*tools.front().points),
       map_reads(makeMapReads(map, points, params.scoring.neighbourhood_weight, core())),
-      gone_cells(params.change.mode == ChangeMode::Full ? std::make_unique<GoneCells>(map, points, params.tsdf)
+      gone_cells(params.change.mode == ChangeMode::Full ? std::make_unique<GoneCells>(map, points, params.tsdf, core())
                                                         : nullptr),
       left_out_points(tools.margins(), params),
       gate(params.tsdf, params.origin_W, returnsInWindow(params, tools.margins()), params.carry.size()),

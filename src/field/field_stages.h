@@ -43,6 +43,16 @@ struct LabelState {
   std::uint64_t backlog = 0;  ///< points that the last update left; one that runs may write it
 };
 
+/// A scan whose returns are among the points, and not yet in the map.
+struct ScanUnderWay {
+  const GatedScan* scan = nullptr;
+  const GatedScan* placed = nullptr;       ///< what of it can become points
+  const TouchedPoints* touched = nullptr;  ///< by it
+  MapChangesOfScan changes;
+  FrameStats stats;
+  double milliseconds = 0;  ///< so far
+};
+
 struct FieldStages {
   /// @param specs  named, at least one  @param resolved  for the first of them  @param tables  of several fields, or
   /// null
@@ -77,6 +87,7 @@ struct FieldStages {
   std::unique_ptr<UpdateScheduler> scheduler;
   FieldViews views;
   LabelState labels;
+  std::optional<ScanUnderWay> under_way;         ///< between beginScan() and endScan()
   std::unique_ptr<WhatIfTables> what_if_tables;  ///< made when first needed
   FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others
 };

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/frame_loop.h"
 
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -19,12 +20,10 @@ std::vector<std::span<const LeafChange>> ageFreeSpace(FieldStages& field, double
 
 double ageAfter(const FieldStages& field, double passed_s) { return field.map.generations()->ageAfter(passed_s); }
 
-/// @return where rays opened voxels of what has gone
-std::vector<LeafChange> openWhatHasGone(FieldStages& field, const GatedScan& scan,
-                                        std::span<const std::uint32_t> touched) {
-  if (!field.gone_cells) return {};
+/// @return where voxels of what has gone are opened
+std::vector<LeafChange> open(FieldStages& field, std::span<const OpenedLeaf> opened,
+                             std::span<const std::uint32_t> touched) {
   field.gone_points.noteReturns(touched);
-  const std::vector<OpenedLeaf> opened = field.gone_cells->takeScan(scan.p_L, scan.q_L, touched);
   field.gone_points.noteOpened(field.points, opened, field.map_reads.weights);
   field.left_out.keepShut(opened);
   return openVoxels(field.map, opened);
@@ -38,38 +37,50 @@ void countFused(const IntegrationResult& fused, FrameStats& stats) {
   stats.flipped_voxels = fused.counts.flipped_voxels;
 }
 
+/// @return where rays opened voxels of what has gone
+std::vector<LeafChange> openWhatHasGone(FieldStages& field, const ScanUnderWay& under_way) {
+  if (!field.gone_cells) return {};
+  const std::vector<std::uint32_t>& touched = under_way.touched->all;
+  return open(field, field.gone_cells->takeScan(under_way.scan->p_L, under_way.scan->q_L, touched), touched);
+}
+
 /// Gate > points beside bins > age, open, fuse beside the backend's first look at the points > scheduler beside
 /// mirrors. Only time that is not hidden counts as integration.
 ///
 /// An update may be running (updateLabelsAsync): sorting and binning the returns go on beside it, points and map wait
 /// until it no longer reads them, and all that the backend or a mirror sees waits for its end.
 /// @param passed_s  since the latest scan
-/// @return time taken to note what the scan changed in the map; counts as the update's
-double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, FrameStats& stats) {
-  UpdateScheduler& scheduler = *field.scheduler;
-  MapChangesOfScan changes;
-
-  const GatedScan* placed = &scan;  // what can become points
-  const TouchedPoints* touched = nullptr;
+void beginScan(FieldStages& field, ScanUnderWay& under_way, double passed_s) {
+  const GatedScan& scan = *under_way.scan;
   const auto add_points = [&] {
     field.steps.waitForMap();
-    field.points.describeTouched(scheduler.needs().deltas);
-    placed = &field.left_out.placed(scan, stats);
-    touched = &field.points.addReturns(placed->p_L, placed->q_L, placed->attributes);
+    field.points.describeTouched(field.scheduler->needs().deltas);
+    const GatedScan& placed = field.left_out.placed(scan, under_way.stats);
+    under_way.placed = &placed;
+    under_way.touched = &field.points.addReturns(placed.p_L, placed.q_L, placed.attributes);
   };
   // What is news is judged before free space ages.
   const auto bin_and_age = [&] {
     field.integrator.bin(scan.p_L, scan.q_L);
-    if (field.map.agesFreeSpace()) changes.aged = ageFreeSpace(field, ageAfter(field, passed_s));
+    if (field.map.agesFreeSpace()) under_way.changes.aged = ageFreeSpace(field, ageAfter(field, passed_s));
   };
   runBeside(add_points, bin_and_age);
+}
 
+/// @param open  () -> where voxels of what has gone are opened
+/// @return time taken to note what the scan changed in the map; counts as the update's
+template <typename Open>
+double endScan(FieldStages& field, ScanUnderWay& under_way, const Open& open) {
+  UpdateScheduler& scheduler = *field.scheduler;
+  const GatedScan &scan = *under_way.scan, &placed = *under_way.placed;
+  MapChangesOfScan& changes = under_way.changes;
+  FrameStats& stats = under_way.stats;
   const auto note_points = [&] {
     field.steps.joinUpdate();
-    scheduler.noteReturns(*touched, placed->p_L, placed->q_L);
+    scheduler.noteReturns(*under_way.touched, placed.p_L, placed.q_L);
   };
   const auto open_and_fuse = [&] {
-    changes.opened = openWhatHasGone(field, scan, touched->all);
+    changes.opened = open();
     if (scheduler.needs().changes) {
       scheduler.noteEachList(changes.aged);
       for (const LeafChange& change : changes.opened) scheduler.noteChange(0, change);
@@ -81,7 +92,7 @@ double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, Fram
   field.left_out.note(changes.fused.left_out);
 
   const kernels::Stopwatch noting;
-  scheduler.noteChanges(placed->p_L, placed->q_L, {changes.facts(), changes.fused.distances});
+  scheduler.noteChanges(placed.p_L, placed.q_L, {changes.facts(), changes.fused.distances});
   const double noting_ms = noting.milliseconds();
   runBeside([&] { scheduler.prepare(field.mirrors.grid()); }, [&] { field.mirrors.take(changes, stats); });
   return noting_ms;
@@ -94,6 +105,26 @@ void passTime(FieldStages& field, double age_s, FrameStats& stats) {
   if (aged.empty()) return;
   field.scheduler->noteChangesAlone(aged);
   field.mirrors.takeFacts(aged, stats);
+}
+
+double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, FrameStats& stats) {
+  ScanUnderWay under_way;
+  under_way.scan = &scan;
+  under_way.stats = stats;
+  beginScan(field, under_way, passed_s);
+  const double noting_ms = endScan(field, under_way, [&] { return openWhatHasGone(field, under_way); });
+  stats = under_way.stats;
+  return noting_ms;
+}
+
+/// Rays without a return here may open voxels.
+void openAlone(FieldStages& field, std::span<const OpenedLeaf> opened, FrameStats& stats) {
+  MapChangesOfScan changes;
+  changes.opened = open(field, opened, {});
+  if (changes.opened.empty()) return;
+  const std::array<std::span<const LeafChange>, 1> lists = {changes.opened};
+  field.scheduler->noteChangesAlone(lists);
+  field.mirrors.take(changes, stats);
 }
 
 UpdateStats update(FieldStages& field, const BackgroundUpdate::ReleaseMap& release_map) {
@@ -127,6 +158,52 @@ FrameStats integrateScan(FieldStages& field, const GateScan& gate, double stamp_
   field.labels.noted_ms += noting_ms;
   stats.integrate_ms = all.milliseconds() - stats.mirror_ms - noting_ms;
   return stats;
+}
+
+void beginScan(FieldStages& field, const GateScan& gate, std::span<const Eigen::Vector3f> ray_p_L,
+               std::span<const Eigen::Vector3f> ray_q_L, double stamp_s) {
+  const kernels::Stopwatch all;
+  ScanUnderWay& under_way = field.under_way.emplace();
+  field.steps.requireUnbroken();
+  field.arena.execute([&] {
+    under_way.scan = &gate(under_way.stats);
+    const double passed_s = field.clock.note(stamp_s);
+    const bool any = !under_way.scan->p_L.empty();
+    field.labels.current = false;
+    field.steps.runBesideUpdate([&] {
+      if (any) {
+        beginScan(field, under_way, passed_s);
+      } else if (passed_s > 0 && field.map.agesFreeSpace()) {
+        passTime(field, ageAfter(field, passed_s), under_way.stats);
+      }
+      field.gone_cells->count(ray_p_L, ray_q_L, any ? under_way.touched->all : std::vector<std::uint32_t>());
+    });
+  });
+  under_way.milliseconds = all.milliseconds();
+}
+
+FrameStats endScan(FieldStages& field, std::span<const OpenedLeaf> opened) {
+  const kernels::Stopwatch all;
+  ScanUnderWay& under_way = *field.under_way;
+  FrameStats& stats = under_way.stats;
+  double noting_ms = 0;
+  field.steps.requireUnbroken();
+  field.arena.execute([&] {
+    field.steps.runBesideUpdate([&] {
+      if (under_way.scan->p_L.empty()) {
+        openAlone(field, opened, stats);
+      } else {
+        noting_ms = endScan(field, under_way, [&] { return open(field, opened, under_way.touched->all); });
+      }
+    });
+  });
+  ++field.labels.scans;
+  stats.surface_points = field.points.size();
+  field.labels.noted_ms += noting_ms;
+  stats.integrate_ms = under_way.milliseconds + all.milliseconds() - stats.mirror_ms - noting_ms;
+  const FrameStats of_scan = stats;
+  field.under_way.reset();
+  return of_scan;
 }
 
 void publishWithheld(FieldStages& field) {

@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 #include <optional>
+#include <span>
 
 #include "field/field_stages.h"
 
@@ -17,6 +18,12 @@ using GateScan = std::function<const GatedScan&(FrameStats& stats)>;
 /// Takes a scan into map, points and mirrors. @param stamp_s  not finite: the scan has none
 FrameStats integrateScan(FieldStages& field, const GateScan& gate,
                          double stamp_s = std::numeric_limits<double>::quiet_NaN());
+
+/// integrateScan() of a tile, in two parts: between them the tiles tell each other what has gone (FieldAccess).
+/// @param ray_p_L, ray_q_L  all rays that come near the tile
+void beginScan(FieldStages& field, const GateScan& gate, std::span<const Eigen::Vector3f> ray_p_L,
+               std::span<const Eigen::Vector3f> ray_q_L, double stamp_s);
+FrameStats endScan(FieldStages& field, std::span<const OpenedLeaf> opened);
 
 /// Brings the field's time to where that of a larger map is, of which it is a tile: free space ages as if it had got
 /// every scan of that map, most of them without a return here.

@@ -141,9 +141,6 @@ void requireWindow(const FieldParams& p) {
     refuse("cannot be combined with the paper's update policy, which depends on the whole map",
            "Use UpdatePolicy::Exact");
   }
-  if (p.change.mode == ChangeMode::Full) {
-    refuse("cannot be combined with ChangeMode::Full, whose rays reach beyond a tile", "Use ChangeMode::Block");
-  }
   if (p.tsdf.region == UpdateRegion::Projective) {
     refuse("cannot be combined with projective fusion, which depends on whole scans", "Use another UpdateRegion");
   }

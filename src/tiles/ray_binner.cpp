@@ -171,6 +171,7 @@ std::uint64_t endOfWhole(const fs::path& out, const Plan& plan) {
 }  // namespace
 
 Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch) {
+  requireOneByOne(job.params);
   if (flights.size() != job.plan.flights.size()) {
     throw InvalidArgument("usage.flights", "bin", "needs the scans of each flight of the plan");
   }

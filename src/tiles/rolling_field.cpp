@@ -3,10 +3,13 @@
 #include "accessvdb/rolling_field.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <exception>
 #include <iomanip>
+#include <iterator>
 #include <limits>
+#include <optional>
 #include <sstream>
 #include <utility>
 
@@ -27,6 +30,7 @@
 #include "points/point_store.h"
 #include "tiles/folder_in_use.h"
 #include "tiles/ray_files.h"
+#include "tiles/ray_sorter.h"
 #include "tiles/rolling_manifest.h"
 #include "tiles/rolling_tiles.h"
 #include "tiles/sensor_course.h"
@@ -67,9 +71,6 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
   if (params.update.budget_points > 0) refuse("have a budget, which is shared among all points", "Leave it out");
   if (params.update.policy == UpdatePolicy::Paper) refuse("have the paper's policy", "Use UpdatePolicy::Exact");
   if (params.tsdf.region == UpdateRegion::Projective) refuse("have projective fusion", "Use another UpdateRegion");
-  if (params.change.mode == ChangeMode::Full) {
-    refuse("have ChangeMode::Full, whose rays reach beyond a tile", "Use ChangeMode::Block");
-  }
   const std::int32_t edge = options.tile_voxels;
   const bool power = edge >= FieldWindow::kEdge && (edge & (edge - 1)) == 0 && edge <= kLargestTile_voxels;
   if (edge != 0 && (!power || edge < margins.least_tile_voxels)) {
@@ -105,6 +106,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : edgeByRule(margins, params)),
         gate(params.tsdf, given.origin_W),
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
+        ray_sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         tiles(tools, given, std::move(tables), options.folder, {options.memory_limit_bytes, options.device_limit_bytes},
               tile_voxels, options.notes_changes) {
     requireRolling(params, options, margins);
@@ -112,6 +114,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     io::prepareOutputFolder(options.folder);
     in_use = tiles::FolderInUse(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
+    if (std::isfinite(params.change.free_for_s)) generations.emplace(params.change.free_for_s);
     if (!resumed) checkpoint("");  // from now on what a process leaves that is killed is known to be ours
   }
 
@@ -137,41 +140,79 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
                         "Start a new field");
   }
 
-  /// The tiles that a scan touches, nearest first; null for those that do not fit.
-  using Touched = std::vector<std::pair<TileIndex, RollingTile*>>;
+  /// A tile that a scan touches.
+  struct TouchedTile {
+    TileIndex id;
+    RollingTile* tile;  ///< null if it does not fit
+    bool has_returns;   ///< else only rays come near it, with ChangeMode::Full
+    bool is_new;
+  };
+  using Touched = std::vector<TouchedTile>;
   /// Before anything changes: tiles leave and come.
   Touched prepare(const internal::GatedScan& scan) {
     requireWhole();
     const Eigen::Vector3d& origin_W = gate.origin_W();
     if (gate.hasOrigin()) tiles.setOrigin({origin_W.x(), origin_W.y(), origin_W.z()});
     tiles.noteGrowth(std::exchange(growth, {}));
-    const tiles::MapTime now = {clock.latest_s(), age_s};
-    const std::vector<TileIndex> ids = nearestFirst(scan);
+    std::vector<TileIndex> ids = nearestFirst(scan);
+    const std::size_t with_returns = ids.size();
     if (!ids.empty()) nearest = ids.front();
+    // Returns first: nothing is left out for rays that only pass.
+    if (takesEvidence()) addCrossed(scan, ids);
     Touched touched;
     ++attempt;  // also where a step is refused: what it touched may leave in the next
     tiles.expect(ids, attempt);
-    for (const TileIndex& id : ids) touched.emplace_back(id, tileFor(id, attempt, now));
-    if (!ids.empty()) lookAhead(scan.q_L.front(), ids.back());
+    for (const TileIndex& id : ids) {
+      const bool is_new = !tiles.has(id);
+      touched.push_back({id, tileFor(id, attempt, now()), touched.size() < with_returns, is_new});
+    }
+    if (!ids.empty()) lookAhead(scan.q_L.front(), ids[with_returns - 1]);
     return touched;
+  }
+
+  [[nodiscard]] tiles::MapTime now() const { return {clock.latest_s(), age_s}; }
+  [[nodiscard]] bool takesEvidence() const { return params.change.mode == ChangeMode::Full; }
+
+  /// Tiles that only rays come near, nearest first. One that never got a return has nothing that could go.
+  void addCrossed(const internal::GatedScan& scan, std::vector<TileIndex>& ids) {
+    std::vector<std::pair<double, TileIndex>> order;
+    for (const TileIndex& id : ray_sorter.sort(scan, [this](const TileIndex& tile) { return tiles.has(tile); })) {
+      if (std::find(ids.begin(), ids.end(), id) == ids.end()) order.emplace_back(distance_m(id, scan.q_L.front()), id);
+    }
+    std::sort(order.begin(), order.end());
+    for (const auto& [distance, id] : order) ids.push_back(id);
   }
 
   /// @param stamp_s  not finite: none
   void take(const internal::GatedScan& scan, const Touched& touched, double stamp_s, FrameStats& stats) {
-    const Moment moment = {first_ids.size(), stamp_s};
     first_ids.push_back(points);
-    clock.note(stamp_s);
     stamps_s.push_back(stamp_s);
+    const double passed_s = clock.note(stamp_s);
+    if (generations) {
+      generations->restoreAge(age_s);
+      age_s = generations->ageAfter(passed_s);
+    }
     memory_short = false;
+    for (const TouchedTile& each : touched) {
+      if (each.tile != nullptr) continue;
+      noteShort(each.id, scan);
+      if (takesEvidence() && !each.is_new) tiles.leaveOutRays(each.id, ray_sorter.raysOf(each.id, scan));
+      if (!each.has_returns) continue;
+      const tiles::StepSorter::Returns returns = sorter.returnsOf(each.id, scan);
+      tiles.leaveOut(each.id, returns.p_L);
+      stats.left_out_returns += returns.p_L.size();
+    }
     std::vector<Fresh> fresh;
-    for (const auto& [id, tile] : touched) {
-      const tiles::StepSorter::Returns returns = sorter.returnsOf(id, scan);
-      if (tile != nullptr) {
-        if (fuse(id, *tile, returns, moment, fresh, stats) > 0) noteShort(id, scan);
-      } else {
-        tiles.leaveOut(id, returns.p_L);
-        noteShort(id, scan);
-        stats.left_out_returns += returns.p_L.size();
+    if (takesEvidence() && !scan.p_L.empty()) {
+      fuseSideBySide(scan, touched, stamp_s, fresh, stats);
+      ++scans;
+    } else {
+      for (const auto& [id, tile, has_returns, is_new] : touched) {
+        if (tile == nullptr) continue;
+        const tiles::StepSorter::Returns returns = sorter.returnsOf(id, scan);
+        tiles.noteChange(id, *tile);
+        noteFused(id, *tile, scan, FieldAccess::integrateLocal(tile->field, returns.p_L, returns.q_L, stamp_s), fresh,
+                  stats);
       }
     }
     name(fresh);
@@ -218,22 +259,95 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     return tile;
   }
 
-  struct Moment {
-    std::uint64_t step;
-    double stamp_s;
-  };
   /// A point of a core that the step brought.
   struct Fresh {
     std::uint64_t place;
     RollingTile* tile;
     std::uint32_t id;
   };
-  /// @return returns for which the tile has no place
-  std::uint64_t fuse(const TileIndex& id, RollingTile& tile, const tiles::StepSorter::Returns& returns,
-                     const Moment& moment, std::vector<Fresh>& fresh, FrameStats& stats) {
+
+  /// With ChangeMode::Full. What a cell is judged by may lie in other tiles, and what opens depends on verdicts there,
+  /// so the tiles go through the scan together; each judges the cells of its core.
+  void fuseSideBySide(const internal::GatedScan& scan, const Touched& touched, double stamp_s,
+                      std::vector<Fresh>& fresh, FrameStats& stats) {
+    std::vector<const TouchedTile*> here;
+    for (const TouchedTile& each : touched) {
+      if (each.tile != nullptr) here.push_back(&each);
+    }
+    const auto forEach = [&here](const auto& visit) {
+      for (const TouchedTile* each : here) {
+        FieldAccess::visitGoneCells(each->tile->field, [&](internal::GoneCells& cells) { visit(*each, cells); });
+      }
+    };
+    forEach([this](const TouchedTile&, internal::GoneCells& cells) { cells.catchUp(scans); });
+    const int shift = std::countr_zero(static_cast<std::uint32_t>(tile_voxels));
+    const auto verdictOf = [&](const internal::Index3& cell) -> std::optional<internal::Verdict> {
+      const internal::Index3 voxel = internal::voxelOfCell(cell);
+      const TileIndex id = {voxel[0] >> shift, voxel[1] >> shift};
+      const auto owner = std::find_if(here.begin(), here.end(), [&id](const auto* each) { return each->id == id; });
+      if (owner == here.end()) return std::nullopt;
+      std::optional<internal::Verdict> verdict;
+      FieldAccess::visitGoneCells((*owner)->tile->field,
+                                  [&](const internal::GoneCells& cells) { verdict = cells.verdictAt(voxel); });
+      return verdict;
+    };
+    forEach([&](const TouchedTile&, internal::GoneCells& cells) { cells.followOthers(verdictOf); });
+
+    for (const TouchedTile* each : here) {
+      if (each->has_returns) tiles.noteChange(each->id, *each->tile);
+      if (FieldAccess::agesUntil(each->tile->field, age_s)) each->tile->behind = true;
+      FieldAccess::Returns returns = {{}, scan.q_L};
+      if (each->has_returns) {
+        const tiles::StepSorter::Returns sorted = sorter.returnsOf(each->id, scan);
+        returns = {sorted.p_L, sorted.q_L};
+      }
+      FieldAccess::beginScan(each->tile->field, returns, ray_sorter.raysOf(each->id, scan), stamp_s);
+    }
+    std::vector<internal::Index3> gone;
+    forEach([&gone](const TouchedTile&, const internal::GoneCells& cells) {
+      const std::vector<internal::Index3> judged = cells.judged();
+      gone.insert(gone.end(), judged.begin(), judged.end());
+    });
+    forEach([&gone](const TouchedTile&, internal::GoneCells& cells) { cells.noteGone(gone); });
+    std::vector<internal::OpenedLeaf> opened;
+    forEach([&opened](const TouchedTile&, internal::GoneCells& cells) {
+      const std::vector<internal::OpenedLeaf> of_tile = cells.endScan();
+      opened.insert(opened.end(), of_tile.begin(), of_tile.end());
+    });
+    for (const TouchedTile* each : here) {
+      const std::vector<internal::OpenedLeaf> near = nearTo(each->id, opened);
+      const FrameStats of_tile = FieldAccess::endScan(each->tile->field, near);
+      bool has_changed = !near.empty();
+      FieldAccess::visitGoneCells(each->tile->field, [&has_changed](internal::GoneCells& cells) {
+        has_changed = cells.takeChanged() || has_changed;
+      });
+      if (each->has_returns) {
+        noteFused(each->id, *each->tile, scan, of_tile, fresh, stats);
+      } else if (has_changed) {
+        tiles.noteChange(each->id, *each->tile);
+        each->tile->behind = true;
+        measure(*each->tile);
+      }
+    }
+  }
+  [[nodiscard]] std::vector<internal::OpenedLeaf> nearTo(const TileIndex& id,
+                                                         const std::vector<internal::OpenedLeaf>& opened) const {
+    constexpr std::int32_t kLeafEdge = 8;
+    internal::VoxelColumnBox box = internal::coreOf(tiles::TileId{id.first, id.second, {}}.window(tile_voxels));
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      box.low[axis] -= margins.returns_voxels + kLeafEdge;
+      box.high[axis] += margins.returns_voxels + kLeafEdge;
+    }
+    std::vector<internal::OpenedLeaf> near;
+    std::ranges::copy_if(opened, std::back_inserter(near), [&box](const internal::OpenedLeaf& leaf) {
+      return box.contains({kLeafEdge * leaf.leaf[0], kLeafEdge * leaf.leaf[1], kLeafEdge * leaf.leaf[2]});
+    });
+    return near;
+  }
+
+  void noteFused(const TileIndex& id, RollingTile& tile, const internal::GatedScan& scan, const FrameStats& of_tile,
+                 std::vector<Fresh>& fresh, FrameStats& stats) {
     const internal::PointStore& store = FieldAccess::points(tile.field);
-    tiles.noteChange(id, tile);
-    const FrameStats of_tile = FieldAccess::integrateLocal(tile.field, returns.p_L, returns.q_L, moment.stamp_s);
     add(of_tile, stats);
     stats.left_out_returns += of_tile.left_out_returns;
     tile.returns += of_tile.points_used;
@@ -245,7 +359,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       if (core.contains(voxel)) fresh.push_back({internal::placeOf(voxel), &tile, point});
     }
     measure(tile);
-    return of_tile.left_out_returns;
+    if (of_tile.left_out_returns > 0) noteShort(id, scan);
   }
   /// What an update took may be too much. It goes on where a tile cannot be saved: no label may be missing.
   void shrink() {
@@ -315,8 +429,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   template <typename Take>
   void visitTiles(const std::vector<TileIndex>& ids, const Take& take) {
     requireWhole();
-    const tiles::MapTime now = {clock.latest_s(), age_s};
-    for (const TileIndex& id : ids) tiles.visit(id, now, [&](const RollingTile& tile) { take(pointsOf(tile)); });
+    for (const TileIndex& id : ids) tiles.visit(id, [&](const RollingTile& tile) { take(pointsOf(tile)); });
   }
   /// By ids.
   FieldSnapshot snapshotOf(const std::vector<TileIndex>& ids) {
@@ -374,6 +487,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   [[nodiscard]] tiles::RollingManifest manifest(tiles::Json saved, const std::string& of_caller) const {
     tiles::RollingManifest manifest;
     manifest.points = points;
+    manifest.scans = scans;
     manifest.age_s = age_s;
     manifest.left_out_returns = left_out_returns;
     manifest.first_ids = first_ids;
@@ -400,6 +514,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       }
     }
     points = manifest.points;
+    scans = manifest.scans;
     age_s = manifest.age_s;
     left_out_returns = manifest.left_out_returns;
     first_ids = manifest.first_ids;
@@ -414,7 +529,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     std::vector<tiles::RollingTiles::Ball> closed;
     for (const auto& [x, y, z, radius_m] : manifest.closed) closed.push_back({{x, y, z}, radius_m});
     try {
-      tiles.restore(manifest.tiles, manifest.lost_tiles, std::move(closed));
+      tiles.restore(manifest.tiles, manifest.lost_tiles, std::move(closed), now());
     } catch (const InvalidArgument&) {
       tiles::refuseManifest(options.folder);
     }
@@ -430,9 +545,12 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   std::int32_t tile_voxels;
   internal::ScanGate gate;
   tiles::StepSorter sorter;
+  tiles::RaySorter ray_sorter;
   tiles::RollingTiles tiles;
   internal::FieldClock clock;
+  std::optional<internal::FreeGenerations> generations;  ///< only how time passes, where free space ages
   double age_s = 0;
+  std::uint64_t scans = 0;               ///< with a return, for ChangeMode::Full
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
   std::vector<double> stamps_s;          ///< of each step
   tiles::SensorCourse course;
@@ -477,9 +595,16 @@ FrameStats RollingField::integrateRays(std::span<const Eigen::Vector3d> points_W
 UpdateStats RollingField::update() {
   const UpdateStats stats = impl_->run([&] {
     UpdateStats all;
+    const tiles::MapTime now = impl_->now();
     for (const TileIndex& id : impl_->tiles.oldestFirst()) {
       RollingTile* const tile = impl_->tiles.inMemory(id);
-      if (tile == nullptr || !tile->behind) continue;  // one that has left gets it when it comes back
+      if (tile == nullptr) continue;  // one that has left gets it when it comes back
+      if (FieldAccess::agesUntil(tile->field, now.age_s)) {
+        impl_->tiles.noteChange(id, *tile);
+        FieldAccess::advanceTime(tile->field, now.latest_s, now.age_s);
+        tile->behind = true;
+      }
+      if (!tile->behind) continue;
       impl_->tiles.noteChange(id, *tile);
       internal::add(tile->field.update(), all);
       tile->behind = false;
@@ -488,7 +613,7 @@ UpdateStats RollingField::update() {
       impl_->measure(*tile);
       impl_->shrink();
     }
-    impl_->tiles.oweUpdate();
+    impl_->tiles.oweUpdate(now);
     return all;
   });
   impl_->requireShrunk();
@@ -594,12 +719,11 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   // Whatever an earlier call has left of it may be of other scans, or damaged.
   tiles::removePlan(out);
   update();
-  const tiles::MapTime now = {impl_->clock.latest_s(), impl_->age_s};
   io::prepareOutputFolder(out);
   tiles::removeAttempts(out);
   tiles::Status status;
   for (const TileIndex& index : impl_->tiles.all()) {
-    impl_->tiles.visit(index, now, [&](const RollingTile& tile) {
+    impl_->tiles.visit(index, [&](const RollingTile& tile) {
       const kernels::Stopwatch watch;
       tiles::Tile written;
       written.id = {index.first, index.second, {}};

@@ -44,6 +44,7 @@ void writeManifest(const fs::path& folder, const RollingManifest& manifest, cons
                {"dropped", manifest.taken.dropped},
                {"tiles", manifest.tiles}};
   if (manifest.origin_W) json["origin_W"] = *manifest.origin_W;
+  if (made_with.params.change.mode == ChangeMode::Full) json["scans"] = manifest.scans;
   if (manifest.latest_s) json["latest_s"] = *manifest.latest_s;
   writeJson(folder / kManifest, json);
 }
@@ -97,6 +98,7 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   json.at("points_used").get_to(manifest.taken.points_used);
   json.at("dropped").get_to(manifest.taken.dropped);
   manifest.tiles = json.at("tiles");
+  if (made_with.params.change.mode == ChangeMode::Full) json.at("scans").get_to(manifest.scans);
   if (json.contains("latest_s")) manifest.latest_s = json.at("latest_s").get<double>();
   if (json.contains("origin_W")) manifest.origin_W = json.at("origin_W").get<std::array<double, 3>>();
   const std::vector<std::uint32_t>& first_ids = manifest.first_ids;

@@ -33,6 +33,7 @@ struct TakenReturns {
 
 struct RollingManifest {
   std::uint32_t points = 0;
+  std::uint64_t scans = 0;  ///< with a return; counted for ChangeMode::Full
   double age_s = 0;
   std::uint64_t left_out_returns = 0;
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id

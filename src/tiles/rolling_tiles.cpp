@@ -26,6 +26,11 @@ constexpr int kCellsOfEdge = 32;  // of what is left out of a tile that is not t
 constexpr std::size_t kMostBalls = std::size_t{1} << 20;
 TileId idOf(const TileIndex& index) { return {index.first, index.second, {}}; }
 
+void advanceTime(RollingTile& tile, const MapTime& time) {
+  if (internal::FieldAccess::agesUntil(tile.field, time.age_s)) tile.behind = true;
+  internal::FieldAccess::advanceTime(tile.field, time.latest_s, time.age_s);
+}
+
 }  // namespace
 
 void RollingTile::measure() {
@@ -200,19 +205,20 @@ double RollingTiles::cellEdge_m() const { return tile_voxels_ * params_.tsdf.vox
 
 RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
   if (RollingTile* known = inMemory(id)) {
-    internal::FieldAccess::advanceTime(known->field, now.latest_s, now.age_s);
+    advanceTime(*known, now);
     return *known;
   }
   std::unique_ptr<RollingTile> tile;
   const auto stored = stored_.find(id);
   if (stored != stored_.end()) {
-    tile = std::make_unique<RollingTile>(load(id, now, takeAhead(id)));
+    tile = std::make_unique<RollingTile>(load(id, takeAhead(id)));
+    advanceTime(*tile, now);
     if (stored->second.serial && !tile->lost) tile->as_saved = std::move(stored->second);
     stored_.erase(stored);
   } else {
     tile = std::make_unique<RollingTile>(newTile(id));
     closeIn(*tile);
-    internal::FieldAccess::advanceTime(tile->field, now.latest_s, now.age_s);
+    advanceTime(*tile, now);
     tile->measure();
     empty_ = tile->bytes;
   }
@@ -262,7 +268,13 @@ RollingTile RollingTiles::startClosed(const TileIndex& id) {
   return tile;
 }
 
-RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now, std::optional<RollingTile> tile) {
+bool RollingTiles::has(const TileIndex& id) const {
+  if (in_memory_.contains(id)) return true;
+  const auto stored = stored_.find(id);
+  return stored != stored_.end() && stored->second.serial;
+}
+
+RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> tile) {
   const StoredTile& stored = stored_.at(id);
   try {
     if (!tile && !stored.serial) tile.emplace(newTile(id));
@@ -289,7 +301,7 @@ RollingTile RollingTiles::load(const TileIndex& id, const MapTime& now, std::opt
           worldOf((Eigen::Vector3d(x, y, z).array() + 0.5).matrix().cast<float>() * static_cast<float>(edge_m)));
     tile->field.leaveOut(centres_W, edge_m);  // more than half a diagonal
   }
-  internal::FieldAccess::advanceTime(tile->field, now.latest_s, now.age_s);
+  advanceTime(*tile, updated_at_);
   if (stored.owed || stored.updated) {
     tile->field.update();
     tile->updated = true;
@@ -304,6 +316,28 @@ void RollingTiles::leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f
   const auto edge_m = static_cast<float>(cellEdge_m());
   const auto cellOf = [edge_m](float x) { return static_cast<std::int32_t>(std::floor(x / edge_m)); };
   for (const Eigen::Vector3f& p : p_L) stored.left_out.insert({cellOf(p.x()), cellOf(p.y()), cellOf(p.z())});
+}
+
+void RollingTiles::leaveOutRays(const TileIndex& id, const internal::FieldAccess::Returns& rays) {
+  // Within the tile, densely enough to come into every cell that a ray crosses, or into one beside it.
+  const FieldWindow window = idOf(id).window(tile_voxels_);
+  const auto v = static_cast<float>(params_.tsdf.voxel_size_m), edge_m = static_cast<float>(cellEdge_m());
+  const auto isInside = [&](const Eigen::Vector3f& x_L, Eigen::Index axis) {
+    const auto n = static_cast<std::size_t>(axis);
+    return x_L[axis] >= static_cast<float>(window.core_low[n]) * v - edge_m &&
+           x_L[axis] <= static_cast<float>(window.core_high[n]) * v + edge_m;
+  };
+  std::vector<Eigen::Vector3f> passed_L;
+  for (std::size_t n = 0; n < rays.p_L.size(); ++n) {
+    const Eigen::Vector3f& from_L = rays.q_L[rays.q_L.size() == 1 ? 0 : n];
+    const Eigen::Vector3f way = rays.p_L[n] - from_L;
+    const float steps = std::ceil(2 * way.norm() / edge_m);
+    for (float step = 0; step <= steps; ++step) {
+      const Eigen::Vector3f x_L = from_L + step / std::max(steps, 1.0F) * way;
+      if (isInside(x_L, 0) && isInside(x_L, 1)) passed_L.push_back(x_L);
+    }
+  }
+  leaveOut(id, passed_L);
 }
 
 void RollingTiles::close(std::span<const Ball> balls) {
@@ -362,7 +396,9 @@ Json RollingTiles::saveAll() {
   return tiles;
 }
 
-void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, std::vector<Ball> closed) {
+void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, std::vector<Ball> closed,
+                           const MapTime& now) {
+  updated_at_ = now;
   lost_ = std::move(lost);
   closed_ = std::move(closed);
   for (const Json& tile : tiles) {
@@ -422,7 +458,8 @@ std::uint64_t RollingTiles::latestTouch() const {
   return latest;
 }
 
-void RollingTiles::oweUpdate() {
+void RollingTiles::oweUpdate(const MapTime& now) {
+  updated_at_ = now;
   for (auto& [id, stored] : stored_) stored.owed = stored.owed || stored.behind;
 }
 

@@ -22,6 +22,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/params.h"
 #include "accessvdb/tool_spec.h"
+#include "field/field_access.h"
 #include "field/tools/shared_tables.h"
 #include "points/changed_points.h"
 #include "tiles/disk_thread.h"
@@ -123,6 +124,8 @@ class RollingTiles {
   /// Begins to read a tile that will probably be needed, and to write one that will probably leave. For each step, when
   /// its tiles are in memory.
   void lookAhead(const Outlook& outlook, std::uint64_t step);
+  /// Whether a tile has got returns: in memory or in the folder.
+  [[nodiscard]] bool has(const TileIndex& id) const;
   /// The tile in memory; made or loaded, and brought to this time.
   RollingTile& at(const TileIndex& id, const MapTime& now);
   /// A tile that is about to change: it is not being written any more.
@@ -133,6 +136,8 @@ class RollingTiles {
   [[nodiscard]] std::uint64_t latestTouch() const;
   /// Returns that the tile will never get. @param p_L  in the local frame of the map
   void leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f> p_L);
+  /// Rays that it will never learn of: what they pass may have gone. The same
+  void leaveOutRays(const TileIndex& id, const internal::FieldAccess::Returns& rays);
   /// A ball of the world in which returns were left out.
   struct Ball {
     Eigen::Vector3d centre_W;
@@ -152,13 +157,13 @@ class RollingTiles {
   [[nodiscard]] std::vector<TileIndex> all() const;
   /// Hands the tile over with labels as of the last update; one that was not in memory leaves it again.
   template <typename Take>
-  void visit(const TileIndex& id, const MapTime& now, const Take& take) {
+  void visit(const TileIndex& id, const Take& take) {
     if (RollingTile* tile = find(id)) {
       endSaving(id, *tile);
       take(*tile);
       return;
     }
-    RollingTile tile = load(id, now, std::nullopt);
+    RollingTile tile = load(id, std::nullopt);
     take(tile);
   }
   [[nodiscard]] std::map<TileIndex, std::unique_ptr<RollingTile>>& tilesInMemory() { return in_memory_; }
@@ -169,18 +174,18 @@ class RollingTiles {
 
   /// Saves what has changed of the tiles in memory, which stay there. @return all tiles, for restore()
   [[nodiscard]] Json saveAll();
-  /// Of a folder where another object has called saveAll(). Only while there are no tiles. What else a process that was
-  /// killed has left there goes.
+  /// Of a folder where another object has called saveAll(). Only while there are no tiles; labels are as of now. What
+  /// else a process that was killed has left there goes.
   /// @param closed  closed() of that time
   /// @throws nlohmann::json::exception, InvalidArgument for what saveAll() does not write; InputError "rolling.damaged"
   ///         if a file is missing
-  void restore(const Json& tiles, std::vector<std::string> lost, std::vector<Ball> closed);
+  void restore(const Json& tiles, std::vector<std::string> lost, std::vector<Ball> closed, const MapTime& now);
   /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go. Nothing
   /// is under way afterwards but reading.
   void keep(const Json& tiles);
 
-  /// An update of all tiles is due: those in the folder get it when they are next loaded.
-  void oweUpdate();
+  /// All tiles in memory have had an update: those in the folder get it when they are next loaded, as of this time.
+  void oweUpdate(const MapTime& now);
   [[nodiscard]] std::uint64_t saved() const { return saved_; }
   [[nodiscard]] std::uint64_t loaded() const { return loaded_; }
   [[nodiscard]] std::uint64_t savedAhead() const { return saved_ahead_; }
@@ -198,8 +203,8 @@ class RollingTiles {
 
   [[nodiscard]] RollingTile* find(const TileIndex& id);
   [[nodiscard]] RollingTile newTile(const TileIndex& id) const;
-  /// @param read  in advance, if it was
-  [[nodiscard]] RollingTile load(const TileIndex& id, const MapTime& now, std::optional<RollingTile> read);
+  /// As of the last update, if there was one. @param read  in advance, if it was
+  [[nodiscard]] RollingTile load(const TileIndex& id, std::optional<RollingTile> read);
   /// On any thread. @param stored  with a serial
   [[nodiscard]] RollingTile readBack(const TileIndex& id, std::uint64_t serial, const std::string& files_sha256) const;
   /// What was read in advance, if anything was.
@@ -253,6 +258,7 @@ class RollingTiles {
   std::vector<Ball> closed_;
   std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
   std::map<TileIndex, StoredTile> stored_;   ///< disjoint from those in memory
+  MapTime updated_at_;                       ///< the last update
   TileBytes growth_;                         ///< that the next step may take
   TileBytes empty_;                          ///< of a tile without returns, once one was made
   std::map<std::uint64_t, TileIndex> kept_;  ///< serials that the last saveAll() named

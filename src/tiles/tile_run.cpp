@@ -224,6 +224,7 @@ void statusOf(const fs::path& out, const Plan& plan, const TileReturns& whole, c
 
 std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                       const Watch& watch) {
+  requireOneByOne(job.params);
   io::checkWriteOptions(limits.files);
   const auto whole = std::find_if(rays.returns_of.begin(), rays.returns_of.end(),
                                   [&](const TileReturns& tile) { return tile.id == which.whole(); });

@@ -98,6 +98,16 @@ double FreeGenerations::ageAfter(double seconds) const {
   return seconds > 0 ? age_s_ + std::min(seconds, 2 * free_for_s_) : age_s_;
 }
 
+bool FreeGenerations::isDue(const PackedMap& map, double age_s) const {
+  if (!(age_s > age_s_)) return false;
+  std::vector<const PackedLowerNode*> nodes;
+  map.tree().getNodes(nodes);
+  return std::ranges::any_of(nodes, [&](const PackedLowerNode* node) {
+    const openvdb::Coord& origin = node->origin();
+    return generationAt(age_s, origin.x(), origin.y(), origin.z()) > generationOf(origin.x(), origin.y(), origin.z());
+  });
+}
+
 std::vector<std::span<const LeafChange>> FreeGenerations::passTo(PackedMap& map, double age_s) {
   if (!(age_s > age_s_)) return {};
   const double before_s = std::exchange(age_s_, age_s);

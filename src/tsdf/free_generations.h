@@ -51,6 +51,8 @@ class FreeGenerations {
   }
   /// The same until this age. Nothing happens at an earlier one.
   std::vector<std::span<const LeafChange>> passTo(PackedMap& map, double age_s);
+  /// Whether leaves of the map turn until this age.
+  [[nodiscard]] bool isDue(const PackedMap& map, double age_s) const;
   /// age_s() after so many seconds more.
   [[nodiscard]] double ageAfter(double seconds) const;
   static constexpr std::size_t kLists = 64;

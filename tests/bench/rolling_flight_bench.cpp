@@ -3,8 +3,8 @@
 /// Memory and time of a rolling field along a flight through the forest of `accessvdb-lab bench`, out and back: a table
 /// with a row per 100 m. Options by environment: ACCESSVDB_BENCH_METRES (400; the way out and back together),
 /// ACCESSVDB_BENCH_VOXEL_MM (50), ACCESSVDB_BENCH_LIMIT_MB (2000; 0 = none), ACCESSVDB_BENCH_RANGE_M (30),
-/// ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw),
-/// TMPDIR for where tiles go.
+/// ACCESSVDB_BENCH_FULL (0; 1 = --change full), ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 =
+/// all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw), TMPDIR for where tiles go.
 #include <stdlib.h>
 
 #include <algorithm>
@@ -86,6 +86,7 @@ int run() {
   params.tsdf.truncation_distance_m = 0;  // by the rule
   params.tsdf.max_range_m = range_m;
   params.backend = BackendKind::Cpu;
+  if (environment("ACCESSVDB_BENCH_FULL", 0) != 0) params.change.mode = ChangeMode::Full;
   params.threads = environment("ACCESSVDB_BENCH_THREADS", 0);
   RollingOptions options;
   options.folder = folder + "/tiles";

@@ -36,8 +36,9 @@ class RollingMap : public ProgramTest {
     if (at == std::string::npos) return "1G";
     return std::to_string(std::atoi(refused.err.c_str() + at + key.size()) + 48) + "M";
   }
-  void expectOnePiece(const std::string& out) const {
-    ASSERT_EQ(runProgram(arguments({"--tiles", "off", "--out", path("one")})).exit_code, 0);
+  void expectOnePiece(const std::string& out, std::vector<std::string> more = {}) const {
+    more.insert(more.end(), {"--tiles", "off", "--out", path("one")});
+    ASSERT_EQ(runProgram(arguments(more)).exit_code, 0);
     ASSERT_NE(readText("one/report.json").find("\"accessible\": "), std::string::npos);
     const ProgramResult merged =
         runProgram({"tile", "merge", path(out), "--points", path("all.ply"), "--vdb", path("all.vdb")});
@@ -64,6 +65,26 @@ TEST_F(RollingMap, TilesThatLeaveGiveTheBytesOfOnePiece) {
   const std::string report = readText("one/report.json");
   EXPECT_EQ(report.find("\"accessible\": 0,"), std::string::npos);
   EXPECT_EQ(report.find("\"blocked\": 0,"), std::string::npos);
+}
+
+/// Rays are evidence in each tile that they cross.
+TEST_F(RollingMap, WhatHasGoneHasGoneInTilesToo) {
+  writeRollingWorld({.scans = 140, .step_m = 1.6, .returns = 8000, .returns_home = true, .boards_go = true}, folder_);
+  const std::vector<std::string> full = {"--change", "full", "--free-for", "20"};
+  std::vector<std::string> more = full;
+  more.insert(more.end(), {"--out", path("out"), "--max-memory", littleMemory()});
+  const ProgramResult run = runProgram(rolling(more));
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_GT(saved(run.err), 3) << run.err;
+  EXPECT_EQ(run.err.find("rolling.short"), std::string::npos) << run.err;
+  expectOnePiece("out", full);
+  // A tile cannot be made again alone: what opens in others would be missing.
+  fs::remove_all(fs::directory_iterator(folder_ / "out/tiles")->path());
+  const ProgramResult alone = runProgram({"tile", "bin", path("out")});
+  EXPECT_EQ(alone.exit_code, 2) << alone.err;
+  EXPECT_NE(alone.err.find("--rolling"), std::string::npos) << alone.err;
+  EXPECT_NE(readText("one/report.json").find("\"changed\": "), std::string::npos);
+  EXPECT_EQ(readText("one/report.json").find("\"changed\": 0"), std::string::npos);
 }
 
 TEST_F(RollingMap, AStoppedRunGoesOn) {
@@ -126,10 +147,17 @@ TEST_F(RollingMap, LeavesForeignFoldersAlone) {
 
 TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
   writeRollingWorld({.scans = 2}, folder_);
-  const std::vector<std::vector<std::string>> contradictions = {
-      {"--change", "full"}, {"--policy", "paper"},           {"--tiles", "12.8"},        {"--surface"},
-      {"--sequence", "1"},  {"--remove", "box:0,0,0,1,1,1"}, {"--resume", path("else")}, {"--checkpoint", path("cp")},
-      {"--keep-rays"},      {"--bin-memory", "64M"},         {"--mirror-distance"},      {"--removed-as", "free"}};
+  const std::vector<std::vector<std::string>> contradictions = {{"--policy", "paper"},
+                                                                {"--tiles", "12.8"},
+                                                                {"--surface"},
+                                                                {"--sequence", "1"},
+                                                                {"--remove", "box:0,0,0,1,1,1"},
+                                                                {"--resume", path("else")},
+                                                                {"--checkpoint", path("cp")},
+                                                                {"--keep-rays"},
+                                                                {"--bin-memory", "64M"},
+                                                                {"--mirror-distance"},
+                                                                {"--removed-as", "free"}};
   for (const std::vector<std::string>& more : contradictions) {
     std::vector<std::string> all = more;
     all.insert(all.end(), {"--out", path("out")});

@@ -19,6 +19,7 @@ struct RollingWorld {
   double step_m = 1;
   int returns = 4000;         ///< of each scan
   bool returns_home = false;  ///< the second half goes back
+  bool boards_go = false;     ///< boards stand 1 m before the wall, in the first half of the scans
 };
 
 /// Binary PCD scans into FOLDER/scans and TUM poses into FOLDER/poses.txt: a rough wall with recesses, 3 m away.
@@ -34,8 +35,14 @@ inline void writeRollingWorld(const RollingWorld& world, const std::filesystem::
     for (int n = 0; n < world.returns; ++n) {
       const double y = sensor_y + along(random), z = up(random);
       const double recess = std::abs(std::remainder(y, 4.0)) < 0.15 ? 0.5 : 0;
-      const double x = 3 + recess + 0.05 * std::sin(7 * y + 5 * z);
-      points_S.push_back({static_cast<float>(x), static_cast<float>(y - sensor_y), static_cast<float>(z)});
+      double x = 3 + recess + 0.05 * std::sin(7 * y + 5 * z), part = 1;
+      if (world.boards_go && 2 * scan < world.scans) {
+        // Where the ray meets the plane of the boards.
+        const double y_board = sensor_y + 2 / x * (y - sensor_y), z_board = 2 / x * z;
+        if (std::abs(std::remainder(y_board, 2.5)) < 0.4 && std::abs(z_board) < 0.3) part = 2 / x;
+      }
+      points_S.push_back(
+          {static_cast<float>(part * x), static_cast<float>(part * (y - sensor_y)), static_cast<float>(part * z)});
     }
     char name[64];
     std::snprintf(name, sizeof name, "%06d.pcd", scan);

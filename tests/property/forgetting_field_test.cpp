@@ -342,7 +342,12 @@ TEST(ForgettingField, WhatCannotBeIsRefused) {
   params = paramsOf(60);
   params.origin_W = {{0, 0, 0}};
   params.window = FieldWindow{{0, 0}, {128, 128}};
-  EXPECT_EQ(idOf(params), "config.window");
+  try {
+    const AccessibilityField field(ToolGeometry::builtin("builtin:pencil"), params);
+    ADD_FAILURE() << "a tile is no map by itself";
+  } catch (const InvalidArgument& error) {
+    EXPECT_EQ(error.id(), "config.window");
+  }
   params = paramsOf(60);
   params.tsdf.region = UpdateRegion::FullCube;
   EXPECT_EQ(params.resolved().change.mode, ChangeMode::Off);

@@ -3,6 +3,7 @@
 /// A rolling field against one field without a limit, on random walks that return: ids, labels, and score and direction
 /// of accessible points, after every update. ACCESSVDB_ROLLING_WORLDS=300 tries so many more.
 #include <gtest/gtest.h>
+#include <openvdb/openvdb.h>
 
 #include <algorithm>
 #include <array>
@@ -26,6 +27,35 @@
 
 namespace accessvdb::test {
 namespace {
+
+/// Voxels of a grid that one of two files has, and the other has not, or has otherwise.
+template <typename GridT>
+std::size_t differentVoxels(const std::filesystem::path& one, const std::filesystem::path& other, const char* name) {
+  const auto read = [name](const std::filesystem::path& path) {
+    openvdb::io::File file(path.string());
+    file.open(/*delayLoad=*/false);
+    return openvdb::gridPtrCast<GridT>(file.readGrid(name));
+  };
+  const auto missing = [](const GridT& from, const GridT& in) {
+    std::size_t count = 0;
+    const auto accessor = in.getConstAccessor();
+    for (auto voxel = from.cbeginValueOn(); voxel; ++voxel)
+      count += accessor.isValueOn(voxel.getCoord()) && accessor.getValue(voxel.getCoord()) == *voxel ? 0 : 1;
+    return count;
+  };
+  const auto a = read(one), b = read(other);
+  return missing(*a, *b) + missing(*b, *a);
+}
+
+/// What rays have opened is in the map, also where no label depends on it.
+void expectSameMap(const AccessibilityField& unlimited, RollingField& rolling, const ScratchFolder& scratch) {
+  unlimited.write(scratch / "whole");
+  const std::filesystem::path whole = scratch / "whole" / "field.vdb", merged = scratch / "merged.vdb";
+  tiles::mergeGrids({scratch / "out", rolling.write(scratch / "out"), scratch / "whole" / "points.ply", merged, {}, 2});
+  EXPECT_EQ(differentVoxels<openvdb::FloatGrid>(whole, merged, "distance"), 0U);
+  EXPECT_EQ(differentVoxels<openvdb::FloatGrid>(whole, merged, "weight"), 0U);
+  EXPECT_EQ(differentVoxels<openvdb::BoolGrid>(whole, merged, "cleared"), 0U);
+}
 
 class Rolling : public ::testing::TestWithParam<Case> {};
 
@@ -58,11 +88,105 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
   const FieldSnapshot expected = unlimited.snapshot();
   EXPECT_EQ(differences(expected, rolling.snapshot()), 0U);
   expectVaried(expected);
+  if (test.change == ChangeMode::Full) {
+    EXPECT_GT(std::ranges::count(expected.points, PointReason::Changed, &SurfacePoint::reason), 50);
+  }
   const RollingStatus status = rolling.status();
-  EXPECT_LT(most_in_memory, status.tiles);
+  expectSameMap(unlimited, rolling, scratch);
+  // Before anything is scored, all tiles of the shorter walk past what goes may fit.
+  if (test.change != ChangeMode::Full) {
+    EXPECT_LT(most_in_memory, status.tiles);
+  }
   EXPECT_GT(status.loaded, 0U);
   EXPECT_EQ(status.points, expected.points.size());
   EXPECT_TRUE(status.lost_tiles.empty());
+}
+
+/// Returns on a rectangle that is at right angles to y or x, from one sensor.
+Step onRectangle(const Eigen::Vector3d& sensor_W, const Eigen::Vector3d& corner, const Eigen::Vector3d& size,
+                 std::mt19937_64& random, int returns = 6000) {
+  Step step;
+  for (int n = 0; n < returns; ++n) {
+    const Eigen::Vector3d part(uniform(random, 0, 1), uniform(random, 0, 1), uniform(random, 0, 1));
+    step.points_W.emplace_back(corner + part.cwiseProduct(size));
+  }
+  step.sensors_W.push_back(sensor_W);
+  return step;
+}
+
+/// Boards that have been seen go, while rays pass where they were: tiles are 6.4 m, and this is in tile 0_0 and at its
+/// border in the west.
+class RollingEvidence : public ::testing::Test {
+ protected:
+  void expectSame(const std::vector<Step>& steps, std::uint64_t seed) {
+    const Case test = {.name = "evidence", .seed = seed, .change = ChangeMode::Full};
+    FieldParams params = paramsOf(test);
+    params.origin_W = {{0, 0, 0}};
+    RollingOptions options;
+    options.folder = scratch_ / "tiles";
+    options.tile_voxels = kTile_voxels;
+    AccessibilityField unlimited(toolsOf(test), params);
+    RollingField rolling(toolsOf(test), params, options);
+    for (std::size_t n = 0; n < steps.size(); ++n) {
+      integrate(unlimited, steps[n], 0);
+      integrate(rolling, steps[n], 0);
+      unlimited.update();
+      rolling.update();
+      ASSERT_EQ(differences(unlimited.snapshot(), rolling.snapshot()), 0U) << "step " << n;
+    }
+    const FieldSnapshot found = unlimited.snapshot();
+    EXPECT_GT(std::ranges::count(found.points, PointReason::Changed, &SurfacePoint::reason), 100);
+    expectSameMap(unlimited, rolling, scratch_);
+  }
+  ScratchFolder scratch_;
+  std::mt19937_64 random_{30};
+};
+
+TEST_F(RollingEvidence, OfRaysThatOnlyCrossATile) {
+  std::vector<Step> steps;
+  for (int n = 0; n < 4; ++n)
+    steps.push_back(onRectangle({1.5, 3, 0.1 * n}, {3.2, 2.7, -0.4}, {0.02, 1, 0.8}, random_));
+  for (int n = 0; n < 24; ++n)
+    steps.push_back(onRectangle({-7, 3 + 0.02 * n, 0}, {14, 1.2, -1.5}, {0.02, 4, 3}, random_));
+  expectSame(steps, 1);
+}
+
+/// A board goes that stood across the border, and with it what it hid from the tool. Few rays pass each cell, so that
+/// it is judged together with those beside it.
+TEST_F(RollingEvidence, OfBothSidesOfABorder) {
+  std::vector<Step> steps;
+  for (int n = 0; n < 4; ++n) {
+    steps.push_back(onRectangle({0.3 * n - 0.5, 1.2, 0}, {-0.83, 3, -0.5}, {1.6, 0.02, 1}, random_));
+    steps.push_back(onRectangle({0.3 * n - 3, 1.2, 0}, {-2, 3.4, -0.6}, {4, 0.02, 1.2}, random_));
+  }
+  for (int n = 0; n < 24; ++n)
+    steps.push_back(onRectangle({0.03 * n - 0.4, 1.2, 0.1}, {-2, 3.4, -0.6}, {4, 0.02, 1.2}, random_, 1200));
+  expectSame(steps, 2);
+}
+
+/// A board goes whose shadow, seen aslant, lies beyond the border.
+TEST_F(RollingEvidence, OfAShadowBeyondABorder) {
+  std::vector<Step> steps;
+  for (int n = 0; n < 4; ++n) steps.push_back(onRectangle({-3, 1.2, 0.1 * n}, {-1.03, 3, -0.5}, {1, 0.02, 1}, random_));
+  for (int n = 0; n < 24; ++n)
+    steps.push_back(onRectangle({0.02 * n - 0.4, 1.2, 0.1}, {-2, 4.5, -0.8}, {4, 0.02, 1.6}, random_));
+  expectSame(steps, 3);
+}
+
+/// Every 16th scan it is forgotten where nothing is left to open: also in a tile that no ray comes near then.
+TEST_F(RollingEvidence, OfATileThatMissesATurn) {
+  std::vector<Step> steps;
+  for (int n = 0; n < 3; ++n)
+    steps.push_back(onRectangle({1.5, 3, 0.1 * n}, {3.2, 2.7, -0.4}, {0.02, 1, 0.8}, random_));
+  for (int n = 0; n < 9; ++n)
+    steps.push_back(onRectangle({1.5, 3 + 0.02 * n, 0}, {5.5, 1.2, -1.5}, {0.02, 4, 3}, random_));
+  for (int n = 0; n < 8; ++n)  // scans 13 to 20, somewhere else
+    steps.push_back(onRectangle({-40, 3, 0}, {-42, 2.7, -0.4}, {0.02, 1, 0.8}, random_));
+  // Another board close behind: its shadow is where the first one was, and rays go through it from the side.
+  for (int n = 0; n < 4; ++n) steps.push_back(onRectangle({5, 3, 0.1 * n}, {3.4, 2.7, -0.4}, {0.02, 1, 0.8}, random_));
+  for (int n = 0; n < 4; ++n)
+    steps.push_back(onRectangle({3.27, 0.5, 0.02 * n}, {3.2, 5, -0.8}, {0.14, 0.02, 1.6}, random_));
+  expectSame(steps, 4);
 }
 
 /// The folder at the end is that of a map in tiles: merged, it has the bytes of one piece.
@@ -111,9 +235,10 @@ TEST(RollingFolder, MergesIntoOnePiece) {
 
 /// Where the tiles of one scan do not fit, what is left out blocks.
 TEST(RollingLimit, IsContainedWhereMemoryIsShort) {
-  for (const double share : {0.2, 0.35}) {
+  for (const auto& [mode, share] :
+       {std::pair(ChangeMode::Block, 0.2), std::pair(ChangeMode::Block, 0.35), std::pair(ChangeMode::Full, 0.3)}) {
     SCOPED_TRACE(share);
-    const Case test = {.name = "short", .seed = 8, .change = ChangeMode::Block};
+    const Case test = {.name = "short", .seed = 8, .change = mode};
     const std::vector<Step> steps = walk(test);
     const ScratchFolder scratch;
     RollingOptions options;
@@ -132,7 +257,7 @@ TEST(RollingLimit, IsContainedWhereMemoryIsShort) {
       EXPECT_LE(status.memory_bytes, options.memory_limit_bytes) << "step " << n;
       if (status.memory_short) {
         ++times_short;
-        EXPECT_LT(status.fitting_range_m, 6);
+        EXPECT_LT(status.fitting_range_m, mode == ChangeMode::Full ? 11 : 6);
       }
       for (const SurfacePoint& point : rolling.snapshot().accessible()) {
         const auto other = unlimited.pointAt(point.position_W);
@@ -258,16 +383,22 @@ TEST(RollingLoss, IsOneTileThatIsNamed) {
 
 /// What a process leaves that is killed after a checkpoint: the same folder, with tiles that came and went since.
 TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
-  for (int world = 0; world < worlds(1); ++world) {
+  for (int world = 0; world < worlds(2); ++world) {
     const auto seed = static_cast<std::uint64_t>(10 + world);
     SCOPED_TRACE(seed);
-    const Case test = {.name = "resume", .seed = seed, .change = ChangeMode::Block};
+    Case test = {.name = "resume", .seed = seed, .change = ChangeMode::Block, .memory_share = 0.6};
+    if (world % 2 == 1) {
+      test.memory_share = 0.8;  // it sees farther
+      test.change = ChangeMode::Full;
+      test.free_for_s = 1;
+    }
     const std::vector<Step> steps = walk(test);
     std::mt19937_64 random(seed);
     const ScratchFolder scratch;
     RollingOptions options;
     options.folder = scratch / "states";
-    options.memory_limit_bytes = static_cast<std::uint64_t>(0.6 * static_cast<double>(bytesOfAll(test, steps)));
+    options.memory_limit_bytes =
+        static_cast<std::uint64_t>(test.memory_share * static_cast<double>(bytesOfAll(test, steps)));
     options.tile_voxels = kTile_voxels;
     AccessibilityField unlimited(toolsOf(test), paramsOf(test));
     auto rolling = std::make_unique<RollingField>(toolsOf(test), paramsOf(test), options);
@@ -294,6 +425,7 @@ TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
         integrate(*rolling, steps[again], 0.1 * static_cast<double>(again));
         rolling->update();
       }
+      ASSERT_FALSE(rolling->status().memory_short);
       ASSERT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U) << "step " << n;
     }
     EXPECT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U);
@@ -439,21 +571,30 @@ TEST(RollingRefusals, NameWhatIsWrong) {
 }
 
 std::vector<Case> cases() {
-  std::vector<Case> all = {{.name = "off"},
-                           {.name = "block", .seed = 2, .change = ChangeMode::Block},
-                           {.name = "every_third", .seed = 3, .change = ChangeMode::Block, .update_every = 3},
-                           {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = 0.5},
-                           {.name = "two_tools", .seed = 5, .change = ChangeMode::Block, .update_every = 5, .tools = 2},
-                           {.name = "ray_cloud", .seed = 6, .ray_cloud = true}};
+  std::vector<Case> all = {
+      {.name = "off"},
+      {.name = "block", .seed = 2, .change = ChangeMode::Block},
+      {.name = "every_third", .seed = 3, .change = ChangeMode::Block, .update_every = 3},
+      {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = 0.5},
+      {.name = "two_tools", .seed = 5, .change = ChangeMode::Block, .update_every = 5, .tools = 2},
+      {.name = "ray_cloud", .seed = 6, .ray_cloud = true},
+      {.name = "full", .seed = 20, .change = ChangeMode::Full},
+      {.name = "full_ray_cloud", .seed = 21, .change = ChangeMode::Full, .ray_cloud = true},
+      {.name = "full_two_tools", .seed = 22, .change = ChangeMode::Full, .update_every = 5, .tools = 2},
+      {.name = "full_at_the_end", .seed = 23, .change = ChangeMode::Full, .update_every = 0, .memory_share = 0.5},
+      {.name = "full_forgets", .seed = 24, .change = ChangeMode::Full, .free_for_s = 1}};
   for (int n = 0; n < worlds(0); ++n) {
     std::mt19937_64 random(1000 + n);
+    constexpr ChangeMode kModes[] = {ChangeMode::Off, ChangeMode::Block, ChangeMode::Full, ChangeMode::Full};
     all.push_back({.name = "world_" + std::to_string(n),
                    .seed = random(),
-                   .change = random() % 2 == 0 ? ChangeMode::Off : ChangeMode::Block,
+                   .change = kModes[n % 4],
                    .update_every = static_cast<int>(random() % 5),
                    .tools = 1 + static_cast<int>(random() % 2),
                    .ray_cloud = random() % 3 == 0,
                    .memory_share = uniform(random, 0.65, 0.8)});
+    if (n % 4 >= 2) all.back().memory_share = uniform(random, 0.7, 0.8);  // scans that see farther
+    if (n % 4 == 3) all.back().free_for_s = uniform(random, 0.3, 3);
     if (all.back().update_every == 0) all.back().memory_share = 0.5;  // of tiles that were never scored
   }
   return all;

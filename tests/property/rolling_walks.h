@@ -46,6 +46,7 @@ struct Case {
   int tools = 1;
   bool ray_cloud = false;
   double memory_share = 0.7;  ///< of what all tiles take
+  double free_for_s = std::numeric_limits<double>::infinity();
 };
 inline void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
 
@@ -62,8 +63,71 @@ struct Step {
   std::vector<Eigen::Vector3d> points_W, sensors_W;
 };
 
+/// Two walls along a way of 30 m that is walked there and back, and boards before them, most of which go: while they
+/// are seen, or between two visits. Some stand somewhere else from then on. Rays end on what they meet first, so those
+/// that go on to the wall are evidence; every fifth scan sees only what is far, across tiles without a return.
+inline std::vector<Step> walkPastWhatGoes(const Case& test, int steps = 40) {
+  constexpr double kWall_m = 4.5, kHalfWay_m = 15;
+  std::mt19937_64 random(test.seed);
+  struct Board {
+    Eigen::Vector3d corner, along, up;
+    int from, until;  ///< steps in which it is there
+  };
+  std::vector<Board> boards;
+  const auto at = [&](Eigen::Vector3d corner, double heading, int from, int until) {
+    const double length = uniform(random, 0.3, 1);
+    boards.push_back({corner,
+                      {length * std::cos(heading), length * std::sin(heading), 0},
+                      {0, 0, uniform(random, 0.3, 1)},
+                      from,
+                      until});
+  };
+  for (int n = 0; n < 70; ++n) {
+    // Near the way, where rays pass on to what is far, or near the wall; often with another one close behind it.
+    const double side = random() % 2 == 0 ? 1 : -1,
+                 away = random() % 3 == 0 ? uniform(random, 0.7, 1.6) : uniform(random, 2.8, 4);
+    const Eigen::Vector3d corner(uniform(random, -kHalfWay_m, kHalfWay_m), away * side, uniform(random, -0.8, 0));
+    const int until = random() % 4 == 0 ? steps : static_cast<int>(uniform(random, 0.15, 0.85) * steps);
+    at(corner, uniform(random, -0.5, 0.5), 0, until);
+    if (random() % 3 == 0) at(corner + Eigen::Vector3d(uniform(random, -1, 1), 0, 0), 0, until, steps);
+    if (random() % 2 == 0) at(corner + Eigen::Vector3d(0.1, uniform(random, 0.3, 0.5) * side, 0), 0, 0, steps);
+  }
+  /// From 0 at the sensor to 1 at the end; 1 if the board is not on the way.
+  const auto meets = [](const Board& board, const Eigen::Vector3d& from, const Eigen::Vector3d& way) {
+    Eigen::Matrix3d axes;
+    axes << way, -board.along, -board.up;
+    if (std::abs(axes.determinant()) < 1e-9) return 1.0;
+    const Eigen::Vector3d x = axes.inverse() * (board.corner - from);
+    const bool on = x[1] >= 0 && x[1] <= 1 && x[2] >= 0 && x[2] <= 1;
+    return on && x[0] > 0 ? std::min(x[0], 1.0) : 1.0;
+  };
+  std::vector<Step> walk;
+  for (int s = 0; s < steps; ++s) {
+    Step& step = walk.emplace_back();
+    const double way = 2.0 * s / steps, x = kHalfWay_m * (way <= 1 ? 2 * way - 1 : 3 - 2 * way);
+    const Eigen::Vector3d sensor_W(x, uniform(random, -0.5, 0.5), uniform(random, 0, 0.5));
+    std::vector<Board> near;
+    for (const Board& board : boards)
+      if (s >= board.from && s < board.until && std::abs(board.corner.x() - x) < 10.5) near.push_back(board);
+    for (int n = 0; n < 8000; ++n) {
+      const double far = s % 5 == 3 ? uniform(random, 6.5, 9.5) * (random() % 2 == 0 ? 1 : -1) : uniform(random, -4, 4);
+      const Eigen::Vector3d end(x + far, random() % 2 == 0 ? kWall_m : -kWall_m, uniform(random, -1, 1.5));
+      double part = 1;
+      for (const Board& board : near) part = std::min(part, meets(board, sensor_W, end - sensor_W));
+      if (s % 11 == 7 && part == 1) continue;  // an open gate: nothing but what stands before it
+      const Eigen::Vector3d noise(uniform(random, -0.02, 0.02), uniform(random, -0.02, 0.02),
+                                  uniform(random, -0.02, 0.02));
+      step.points_W.push_back(sensor_W + part * (end - sensor_W) + noise);
+      if (test.ray_cloud) step.sensors_W.push_back(sensor_W + Eigen::Vector3d(1e-5 * n, 0, 0));
+    }
+    if (step.sensors_W.empty()) step.sensors_W.push_back(sensor_W);
+  }
+  return walk;
+}
+
 /// Boards and poles along a way of 40 m that is walked there and back, with what stands near the sensor seen.
 inline std::vector<Step> walk(const Case& test, int steps = 40) {
+  if (test.change == ChangeMode::Full) return walkPastWhatGoes(test, steps + steps / 4);
   std::mt19937_64 random(test.seed);
   struct Board {
     Eigen::Vector3d corner, along, up;
@@ -111,6 +175,7 @@ inline FieldParams paramsOf(const Case& test) {
   FieldParams params = cpuParams(kVoxel_m);
   params.backend = backendNamedBy("ACCESSVDB_TILE_DEVICE");
   params.change.mode = test.change;
+  params.change.free_for_s = test.free_for_s;
   return params;
 }
 

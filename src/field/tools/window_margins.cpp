@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "change/gone_cells.h"
 #include "field/tools/scoring_setup.h"
 #include "points/neighbourhood.h"
 #include "tool/tool_kernel.h"
@@ -40,6 +41,10 @@ WindowMargins windowMargins(const ToolKernel& tool, const FieldParams& resolved)
   }
   margins.returns = voxels(returns_m, resolved) + kRounding;
   margins.neighbours = voxels(neighbourRadius_m(t.voxel_size_m), resolved) + kRounding;
+  if (resolved.change.mode == ChangeMode::Full) {
+    // Whether anything is left to open around a cell: in the leaves of its shadow, by the cells beside those.
+    margins.evidence = kCellEdge * (shadowCells(t) + 2);
+  }
   return margins;
 }
 
@@ -49,7 +54,7 @@ std::int32_t WindowMargins::influence() const {
 
 WindowMargins unionOf(const WindowMargins& a, const WindowMargins& b) {
   return {std::max(a.map, b.map), std::max(a.returns, b.returns), std::max(a.neighbours, b.neighbours),
-          std::max(a.height, b.height)};
+          std::max(a.height, b.height), std::max(a.evidence, b.evidence)};
 }
 
 VoxelColumnBox coreOf(const FieldWindow& window) { return {window.core_low, window.core_high}; }
@@ -57,7 +62,7 @@ VoxelColumnBox coreOf(const FieldWindow& window) { return {window.core_low, wind
 VoxelColumnBox returnsOf(const FieldWindow& window, const WindowMargins& margins) {
   VoxelColumnBox box = coreOf(window);
   // Whole leaves of the map have to be exact: a mirror's cell counts its voxels together.
-  const std::int32_t leaves = (margins.map + kLeafEdge - 1) / kLeafEdge * kLeafEdge;
+  const std::int32_t leaves = (std::max(margins.map, margins.evidence) + kLeafEdge - 1) / kLeafEdge * kLeafEdge;
   const std::int32_t margin = std::max(leaves + margins.returns, margins.neighbours);
   for (std::size_t axis = 0; axis < 2; ++axis) {
     box.low[axis] -= margin;

@@ -11,7 +11,7 @@
 
 #include "accessvdb/field_window.h"
 #include "accessvdb/params.h"
-#include "points/surface_index.h"
+#include "points/voxel_column_box.h"
 
 namespace accessvdb::internal {
 
@@ -23,6 +23,7 @@ struct WindowMargins {
   std::int32_t returns = 0;     ///< from a return to the farthest voxel that it changes
   std::int32_t neighbours = 0;  ///< from a point to the farthest neighbour of its normal and its joined views
   std::int32_t height = 0;      ///< as map, along z
+  std::int32_t evidence = 0;    ///< from a cell of ChangeMode::Full to the farthest voxel that it is judged by
 
   /// What has gone is judged by cells of 4 voxels and those beside them (change/gone_cells.h), and one that opens
   /// counts for those beside it.
@@ -34,13 +35,6 @@ WindowMargins windowMargins(const ToolKernel& tool, const FieldParams& resolved)
 /// Of a field with several tools.
 WindowMargins unionOf(const WindowMargins& a, const WindowMargins& b);
 
-/// A box of voxels, unbounded in z: low <= ijk < high.
-struct VoxelColumnBox {
-  std::array<std::int32_t, 2> low, high;
-  [[nodiscard]] bool contains(const Index3& voxel) const {
-    return voxel[0] >= low[0] && voxel[0] < high[0] && voxel[1] >= low[1] && voxel[1] < high[1];
-  }
-};
 VoxelColumnBox coreOf(const FieldWindow& window);
 /// Voxels whose returns a window needs.
 VoxelColumnBox returnsOf(const FieldWindow& window, const WindowMargins& margins);

@@ -48,6 +48,7 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"ChangeMode::Off", "--change off"},
     {"ChangeMode::Block", "--change block"},
     {"ChangeMode::Full", "--change full"},
+    {"RollingField", "--rolling"},
     {"UpdatePolicy::Exact", "--policy exact"},
     {"UpdatePolicy::Paper", "--policy paper"},
     {"LengthUnit", "--tool-unit"},

@@ -44,9 +44,6 @@ std::optional<std::string> whyNotRollingMap(const MapOptions& options, const Fie
   if (!options.removed_as.empty() && options.removed_as != MapOptions().removed_as)
     return "--removed-as is for --remove";
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
-  if (params.change.mode == ChangeMode::Full) {
-    return "--change full reads rays whose returns lie in other tiles; use --change block";
-  }
   return whyNotRolling(options);
 }
 

@@ -232,7 +232,7 @@ std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldP
   }
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
   if (params.change.mode == ChangeMode::Full) {
-    return "--change full reads rays whose returns lie in other tiles; use --change block";
+    return "--change full reads rays whose returns lie in other tiles; use --rolling, or --change block";
   }
   return std::nullopt;
 }
