@@ -9,7 +9,7 @@ namespace {
 class LiveRollingDds : public LiveDds {
  protected:
   std::vector<std::string> rolling(const std::vector<std::string>& more = {}) const {
-    std::vector<std::string> flags = {"--rolling", path("tiles"), "--change", "block"};
+    std::vector<std::string> flags = {"--rolling", path("tiles")};
     flags.insert(flags.end(), more.begin(), more.end());
     return flags;
   }
@@ -38,9 +38,19 @@ TEST_F(LiveRollingDds, EndsInTheFolderOfATiledMap) {
   EXPECT_GT(report_["tiles"]["done"], 1) << report_["tiles"];
 
   fs::create_directories(path("taken"));
-  std::vector<std::string> arguments = {
-      "map",     "--scans", path("flight/scans"), "--poses", path("flight/poses.txt"), "--out", path("expected"),
-      "--tiles", "off",     "--change",           "block"};
+  std::vector<std::string> arguments = {"map",
+                                        "--scans",
+                                        path("flight/scans"),
+                                        "--poses",
+                                        path("flight/poses.txt"),
+                                        "--out",
+                                        path("expected"),
+                                        "--tiles",
+                                        "off",
+                                        "--change",
+                                        "full",
+                                        "--free-for",
+                                        "60"};
   for (const std::string& flag : fieldFlags()) arguments.push_back(flag);
   ASSERT_EQ(runProgram(arguments).exit_code, 0);
   const FieldSnapshot got = merged(), expected = io::readPointsPly(path("expected/points.ply"));
@@ -87,9 +97,9 @@ TEST_F(LiveRollingDds, GoesOnAfterItsCheckpointAndAnswersCommands) {
   EXPECT_EQ(again.exit_code, 7) << again.err;
   EXPECT_NE(again.err.find("output.foreign"), std::string::npos) << again.err;
   std::vector<std::string> of_map = {
-      "map",         "--scans",      path("flight/scans"), "--poses", path("flight/poses.txt"),
-      "--out",       path("of_map"), "--change",           "block",   "--rolling",
-      path("tiles"), "--resume",     path("tiles")};
+      "map",   "--scans",      path("flight/scans"), "--poses",  path("flight/poses.txt"),
+      "--out", path("of_map"), "--change",           "full",     "--free-for",
+      "60",    "--rolling",    path("tiles"),        "--resume", path("tiles")};
   for (const std::string& flag : fieldFlags()) of_map.push_back(flag);
   const ProgramResult other = runProgram(of_map);
   EXPECT_NE(other.exit_code, 0);
@@ -119,7 +129,7 @@ TEST_F(LiveRollingDds, WhatDoesNotGoTogetherIsRefused) {
   EXPECT_EQ(refusal(rolling({"--resume", path("others")})), "usage.rolling");
   EXPECT_EQ(refusal(rolling({"--checkpoint", path("state")})), "usage.rolling");
   EXPECT_EQ(refusal(rolling({"--checkpoint-every", "often"})), "usage.duration");
-  EXPECT_EQ(refusal({"--rolling", path("out"), "--change", "block"}), "usage.rolling");
+  EXPECT_EQ(refusal({"--rolling", path("out")}), "usage.rolling");
   writeText("mine", "");
   fs::create_directories(path("out/tiles"));
   writeText("out/tiles/notes.txt", "mine");
