@@ -8,6 +8,7 @@
 #include "eval/hidden_point_removal.h"
 #include "eval/scene_picture.h"
 #include "eval/table_context.h"
+#include "sim/scene_catalogue.h"
 
 namespace accessvdb::eval {
 namespace {
@@ -27,8 +28,9 @@ std::vector<Eigen::Vector3d> someViewpoints(const std::vector<Eigen::Vector3d>& 
 
 void drawScenes(TableContext& context) {
   std::map<std::string, double> voxel_of_scene;
+  const std::vector<std::string> benchmarks = sim::benchmarkSceneNames();
   for (const TableRow& row : context.rows) {
-    const bool benchmark = !row.scene.starts_with("pine") && row.table != "change";
+    const bool benchmark = std::ranges::find(benchmarks, row.scene) != benchmarks.end() && row.table != "change";
     if (row.method != "product" || !benchmark) continue;
     const auto [found, added] = voxel_of_scene.emplace(row.scene, row.voxel_m);
     if (!added && row.voxel_m == kBestVoxel_m) found->second = row.voxel_m;
