@@ -52,6 +52,7 @@ struct RollingStatus {
   std::uint64_t saved_ahead = 0, loaded_ahead = 0;   ///< of these: begun beside the steps, before it was needed
   std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< of the tiles in memory
   std::uint64_t peak_memory_bytes = 0;               ///< the most that memory_bytes was
+  bool unsaved = false;  ///< in the last update(): a tile could not leave, so memory may pass the limit
   /// In the last step: not all tiles that the scan touched fitted. What was left out blocks, for good.
   bool memory_short = false;
   double fitting_range_m = 0;  ///< then: the range within which all tiles fitted
@@ -86,6 +87,8 @@ class ACCESSVDB_API RollingField {
   /// @throws InputError "rolling.missing" (there is none), "rolling.damaged"; UnusableInput "rolling.changed"
   [[nodiscard]] static RollingField resume(std::vector<ToolSpec> tools, const FieldParams& params,
                                            RollingOptions options, const TableProgress& progress = {});
+  /// That a new field may begin in a folder: it is empty, or not there. @throws OutputError "output.foreign"
+  static void requireEmpty(const std::filesystem::path& folder);
   /// Whether a folder has one, whole or not. @throws OutputError where that cannot be seen
   [[nodiscard]] static bool hasCheckpoint(const std::filesystem::path& folder);
   /// Saves what changed since the last one, whole or not at all. The tiles in memory stay there.

@@ -96,6 +96,7 @@ py::dict rollingDict(const RollingStatus& now) {
   all["memory_bytes"] = now.memory_bytes;
   all["device_bytes"] = now.device_bytes;
   all["peak_memory_bytes"] = now.peak_memory_bytes;
+  all["unsaved"] = now.unsaved;
   all["memory_short"] = now.memory_short;
   all["fitting_range_m"] = now.fitting_range_m;
   all["left_out_returns"] = now.left_out_returns;

@@ -54,7 +54,14 @@ FrameStats LiveMap::integrate(const io::ScanRecord& record, double stamp_s) {
   return tiles != nullptr ? integrateInto(*tiles, record, stamp_s) : integrateInto(one().field, record, stamp_s);
 }
 
-UpdateStats LiveMap::update() { return rolling() != nullptr ? rolling()->update() : one().field.update(); }
+UpdateStats LiveMap::update() {
+  if (rolling() == nullptr) return one().field.update();
+  try {
+    return rolling()->update();
+  } catch (const OutputError&) {  // afterwards: RollingStatus::unsaved
+    return {};
+  }
+}
 
 std::vector<SurfacePoint> LiveMap::takeChanged() {
   return rolling() != nullptr ? rolling()->takeChanged() : one().changes.since(*one().field.points());

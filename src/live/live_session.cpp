@@ -25,6 +25,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Ready = internal::WaitingScans::Ready;
 
+/// Of the cubes in which lost returns are kept.
+constexpr double kLostEdge_voxels = 8;
+
 double millisecondsBetween(Clock::time_point from, Clock::time_point to) {
   return std::chrono::duration<double, std::milli>(to - from).count();
 }
@@ -76,7 +79,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   Impl(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& given, const TableProgress& progress)
       : options(given),
         map(std::move(tools), checked(params, given), given, progress),
-        waiting(given, map.params().tsdf.max_range_m, 8 * map.params().tsdf.voxel_size_m) {
+        waiting(given, map.params().tsdf.max_range_m, kLostEdge_voxels * map.params().tsdf.voxel_size_m) {
     status.memory_limit_bytes = options.memory_limit_bytes;
     if (options.rolling) map.tell(status);
   }
@@ -112,6 +115,21 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     }
   }
 
+  /// A scan could not be fused: if the field did not break, what it saw is closed, as of one that is dropped.
+  void leaveOutReturns(const io::ScanRecord& record, const internal::SensorMotion& motion) {
+    internal::LostReturns lost(kLostEdge_voxels * map.params().tsdf.voxel_size_m);
+    for (const Eigen::Vector3d& p_W : record.points_W) lost.add(p_W);
+    for (const Eigen::Vector3f& p_S : record.points_S)
+      if (!p_S.isZero()) lost.add(record.T_W_S * p_S.cast<double>());
+    try {
+      leaveOut(lost, motion.T_W_S.translation());
+      static_cast<void>(map.update());
+      unscored = 0;
+      closed = true;
+    } catch (const std::exception&) {  // it is broken, and answers nothing
+    }
+  }
+
   /// A step failed. If the field did not break, it does not know what the scan saw: everything in its range is closed.
   void leaveOutAround(const internal::SensorMotion& motion) {
     try {
@@ -133,7 +151,12 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       return false;
     }
     if (!step.late) agreement.add(*record, ready.motion.T_W_B);
-    step.fused = map.integrate(*record, stamp_s);
+    try {
+      step.fused = map.integrate(*record, stamp_s);
+    } catch (...) {
+      leaveOutReturns(*record, ready.motion);
+      throw;
+    }
     step.left_out_returns = step.fused.left_out_returns;
     ++unscored;
     if (step.late || unscored < options.update_every) return true;
@@ -146,6 +169,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   const LiveOptions options;
   internal::LiveMap map;
   std::size_t unscored = 0;  ///< scans since the last update
+  bool closed = false;       ///< what the scan saw whose step fails
   internal::LiveAgreement agreement{map.params().tsdf.range_noise_m, options.T_B_S};
 
   mutable std::mutex lock;  ///< for all that follows
@@ -267,7 +291,7 @@ std::optional<LiveStep> LiveSession::step() {
     try {
       taken = impl_->take(*ready, step);
     } catch (...) {
-      impl_->leaveOutAround(ready->motion);
+      if (!std::exchange(impl_->closed, false)) impl_->leaveOutAround(ready->motion);
       const std::scoped_lock locked(impl_->lock);
       impl_->busy = false;
       impl_->waiting.drop(step.number, step.stamp_ns, ScanDrop::Failed);

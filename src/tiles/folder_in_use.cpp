@@ -27,7 +27,12 @@ InUse& inUse() {
 
 void FolderInUse::requireEmpty(const fs::path& folder) {
   if (!io::isThere(folder, ErrorCode::Output)) return;
-  if (fs::is_directory(folder) && fs::is_empty(folder)) return;
+  // Of a process that was killed in its first moment.
+  const auto isOurs = [](const fs::directory_entry& entry) {
+    const std::string name = entry.path().filename().string();
+    return entry.is_regular_file() && name.starts_with(".rolling.json.") && name.ends_with(".tmp");
+  };
+  if (fs::is_directory(folder) && std::ranges::all_of(fs::directory_iterator(folder), isOurs)) return;
   throw OutputError("output.foreign", folder.string(), "is not an empty folder", "Choose another one");
 }
 

@@ -119,9 +119,14 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   }
 
   void checkpoint(const std::string& of_caller) {
-    const tiles::Json saved = tiles.saveAll();
-    tiles::writeManifest(options.folder, manifest(saved, of_caller), madeWith());
-    tiles.keep(saved);
+    try {
+      const tiles::Json saved = tiles.saveAll();
+      tiles::writeManifest(options.folder, manifest(saved, of_caller), madeWith());
+      tiles.keep(saved);
+    } catch (...) {
+      tiles.forgetSaveAll();
+      throw;
+    }
     note = of_caller;
   }
 
@@ -371,8 +376,11 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   }
   /// @throws OutputError if shrink() failed since the last call
   void requireShrunk() {
+    unsaved = not_saved != nullptr;
     if (const std::exception_ptr failed = std::exchange(not_saved, nullptr)) std::rethrow_exception(failed);
+    unsaved = true;
     tiles.shrink(nearest);
+    unsaved = false;
   }
   void measure(RollingTile& tile) {
     const tiles::TileBytes before = tile.bytes;
@@ -565,6 +573,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   std::string note;                   ///< of the last checkpoint
   std::vector<SurfacePoint> changed;  ///< since takeChanged()
   std::uint64_t peak_memory_bytes = 0;
+  bool unsaved = false;
   std::exception_ptr not_saved;  ///< what shrink() threw
 };
 
@@ -652,6 +661,8 @@ void RollingField::checkpoint(const std::string& note) {
   impl_->checkpoint(note);
 }
 
+void RollingField::requireEmpty(const fs::path& folder) { tiles::FolderInUse::requireEmpty(folder); }
+
 bool RollingField::hasCheckpoint(const fs::path& folder) { return tiles::hasManifest(folder); }
 
 const std::string& RollingField::note() const { return impl_->note; }
@@ -696,6 +707,7 @@ RollingStatus RollingField::status() const {
   status.memory_bytes = use.memory;
   status.device_bytes = use.device;
   status.peak_memory_bytes = std::max(impl_->peak_memory_bytes, use.memory);
+  status.unsaved = impl_->unsaved;
   status.memory_short = impl_->memory_short;
   status.fitting_range_m = impl_->memory_short ? impl_->fitting_range_m : 0;
   status.left_out_returns = impl_->left_out_returns;
@@ -718,7 +730,10 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   }
   // Whatever an earlier call has left of it may be of other scans, or damaged.
   tiles::removePlan(out);
-  update();
+  try {
+    update();
+  } catch (const OutputError&) {  // a tile that cannot leave is still here
+  }
   io::prepareOutputFolder(out);
   tiles::removeAttempts(out);
   tiles::Status status;

@@ -198,7 +198,7 @@ void RollingTiles::removeLater(const TileIndex& id, std::uint64_t serial) {
 }
 
 void RollingTiles::removeUnlessKept(const TileIndex& id, std::uint64_t serial) {
-  if (!kept_.contains(serial)) removeLater(id, serial);
+  if (!kept_.contains(serial) && !named_.contains(serial)) removeLater(id, serial);
 }
 
 double RollingTiles::cellEdge_m() const { return tile_voxels_ * params_.tsdf.voxel_size_m / kCellsOfEdge; }
@@ -389,7 +389,7 @@ Json RollingTiles::saveAll() {
       save(id, *tile);
       --saved_;  // it has not left
     }
-    kept_[*tile->as_saved->serial] = id;
+    named_[*tile->as_saved->serial] = id;
     add(id, *tile->as_saved);
   }
   for (const auto& [id, stored] : stored_) add(id, stored);
@@ -434,6 +434,7 @@ void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, std
 }
 
 void RollingTiles::keep(const Json& tiles) {
+  named_.clear();
   const auto before = std::exchange(kept_, {});
   for (const Json& tile : tiles) {
     const TileId id = TileId::parse(tile.at("tile"));
@@ -441,6 +442,15 @@ void RollingTiles::keep(const Json& tiles) {
   }
   for (const auto& [serial, id] : before) removeUnlessKept(id, serial);
   for (const DiskThread::Handle& work : std::exchange(later_, {})) disk_.finish(work);
+}
+
+void RollingTiles::forgetSaveAll() {
+  for (const auto& [serial, id] : std::exchange(named_, {})) {
+    // Of a tile in memory it goes when the tile changes.
+    const RollingTile* const tile = find(id);
+    const bool in_use = tile != nullptr && tile->as_saved && tile->as_saved->serial == serial;
+    if (!in_use) removeUnlessKept(id, serial);
+  }
 }
 
 void RollingTiles::removeLeftovers() const {

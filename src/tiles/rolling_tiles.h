@@ -183,6 +183,8 @@ class RollingTiles {
   /// Files that saveAll() named stay until its next result is said to be kept: then those of the one before go. Nothing
   /// is under way afterwards but reading.
   void keep(const Json& tiles);
+  /// The result of saveAll(), if there is one, will not be kept.
+  void forgetSaveAll();
 
   /// All tiles in memory have had an update: those in the folder get it when they are next loaded, as of this time.
   void oweUpdate(const MapTime& now);
@@ -257,11 +259,12 @@ class RollingTiles {
   double share_ = 1;
   std::vector<Ball> closed_;
   std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
-  std::map<TileIndex, StoredTile> stored_;   ///< disjoint from those in memory
-  MapTime updated_at_;                       ///< the last update
-  TileBytes growth_;                         ///< that the next step may take
-  TileBytes empty_;                          ///< of a tile without returns, once one was made
-  std::map<std::uint64_t, TileIndex> kept_;  ///< serials that the last saveAll() named
+  std::map<TileIndex, StoredTile> stored_;    ///< disjoint from those in memory
+  MapTime updated_at_;                        ///< the last update
+  TileBytes growth_;                          ///< that the next step may take
+  TileBytes empty_;                           ///< of a tile without returns, once one was made
+  std::map<std::uint64_t, TileIndex> kept_;   ///< serials that the last result of saveAll() to be kept named
+  std::map<std::uint64_t, TileIndex> named_;  ///< by saveAll(), until it is known whether its result is kept
   std::uint64_t serial_ = 0, saved_ = 0, loaded_ = 0, saved_ahead_ = 0, loaded_ahead_ = 0;
   std::vector<std::string> lost_;
   std::uint64_t step_ = 0;                     ///< the last that said what it expects

@@ -232,6 +232,10 @@ TEST(RollingLiveRun, OutlivesADiskThatFails) {
   EXPECT_EQ(after, steps.size() - 30);
   EXPECT_EQ(rolling.status().dropped[static_cast<std::size_t>(ScanDrop::Failed)], failed);
   EXPECT_EQ(rolling.status().taken, steps.size() - failed);
+  // Only what the lost scans saw is closed.
+  const std::size_t open = rolling.rolling()->snapshot().count(PointLabel::Accessible);
+  EXPECT_GT(2 * open, unlimited.snapshot().count(PointLabel::Accessible) / 4);
+  EXPECT_LT(open, unlimited.snapshot().count(PointLabel::Accessible));
 }
 
 TEST(RollingLiveRun, RefusesWhatOnlyOneFieldCan) {

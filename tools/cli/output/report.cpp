@@ -98,11 +98,9 @@ Json jsonLive(const LiveReport& live) {
         {"left_out_returns", status.left_out_returns}}},
       {"latency_ms", {{"p50", status.latency_p50_ms}, {"p99", status.latency_p99_ms}, {"max", status.latency_max_ms}}}};
   if (const auto& rolling = status.rolling) {
-    json["rolling"] = {{"tiles", rolling->tiles},
-                       {"tiles_in_memory", rolling->tiles_in_memory},
-                       {"saved", rolling->saved},
-                       {"loaded", rolling->loaded},
-                       {"memory_short", rolling->memory_short},
+    json["rolling"] = {{"tiles", rolling->tiles},          {"tiles_in_memory", rolling->tiles_in_memory},
+                       {"saved", rolling->saved},          {"loaded", rolling->loaded},
+                       {"unsaved", rolling->unsaved},      {"memory_short", rolling->memory_short},
                        {"lost_tiles", rolling->lost_tiles}};
     if (rolling->memory_short) json["rolling"]["fitting_range_m"] = rolling->fitting_range_m;
   }

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runs/rolling_live.h"
 
+#include <sstream>
 #include <tuple>
 #include <utility>
 
@@ -15,8 +16,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// With each checkpoint: whose folder it is.
-constexpr const char* kNote = "live";
+constexpr const char* kLive = "live";
 
 }  // namespace
 
@@ -56,21 +56,53 @@ void RollingLive::addTo(LiveOptions& options) const {
 void RollingLive::begin(const RollingField& field) {
   words_.sayTiles(field.status(), field.params().tsdf.voxel_size_m);
   if (field.note().empty() && field.status().steps == 0) return;
-  if (field.note() != kNote) {
-    throw UnusableInput("rolling.changed", options_.map.rolling, "was made by map, and goes on with its own scans",
-                        "Use map --rolling, or another folder");
+  const auto refuse = [&](const std::string& problem, const std::string& advice) {
+    throw UnusableInput("rolling.changed", options_.map.rolling, problem, advice);
+  };
+  std::istringstream lines(field.note());
+  std::string kind, level;
+  std::getline(lines, kind);
+  std::getline(lines, level);
+  std::getline(lines, frame_);
+  if (kind != kLive) refuse("was not made by live: it holds other scans", "Use map --rolling, or another folder");
+  if (level != options_.map.sensor.level) {
+    const auto words = [](const std::string& given) { return given.empty() ? "no --level" : "--level " + given; };
+    refuse("was made with " + words(level) + " instead of " + words(options_.map.sensor.level),
+           "Use what it was made with, or another folder");
   }
   saved_steps_ = field.status().steps;
   report_.scans = saved_steps_;
   report_.resumed_after_scans = saved_steps_;
-  messages_.notice("going on after " + std::to_string(report_.scans) + " scans");
+  messages_.notice("going on after " + std::to_string(report_.scans) +
+                   " scans, in the frame of the odometry as it was: one that was started again lies elsewhere");
 }
 
-void RollingLive::afterStep(RollingField& field, bool taken) {
+std::string RollingLive::note() const {
+  return std::string(kLive) + "\n" + options_.map.sensor.level + "\n" + frame_ + "\n";
+}
+
+void RollingLive::afterStep(RollingField& field, bool taken, const std::string& frame) {
   const RollingStatus now = field.status();
   if (taken) words_.note(now);
+  sayFrame(frame);
+  if (now.unsaved) sayDisk("a tile cannot be written");
   const bool due = every_s_ > 0 && std::chrono::duration<double>(Clock::now() - last_).count() >= every_s_;
-  if (!due || now.steps == saved_steps_) return;
+  if (due && now.steps != saved_steps_) tryCheckpoint(field);
+  if (taken && !now.unsaved && (saved_steps_ == now.steps || every_s_ == 0) && std::exchange(disk_failed_, false))
+    messages_.notice("the disk takes tiles again");
+}
+
+void RollingLive::sayFrame(const std::string& frame) {
+  if (frame.empty()) return;
+  if (!frame_.empty() && frame != frame_ && !std::exchange(said_frame_, true)) {
+    messages_.warning("rolling.frame", "poses are in frame " + printable(frame.substr(0, 100)) +
+                                           " now, and were in frame " + printable(frame_.substr(0, 100)) +
+                                           ": what was mapped before lies elsewhere. Start with another folder");
+  }
+  frame_ = frame;
+}
+
+void RollingLive::tryCheckpoint(RollingField& field) {
   last_ = Clock::now();
   try {
     checkpoint(field);
@@ -80,31 +112,36 @@ void RollingLive::afterStep(RollingField& field, bool taken) {
 }
 
 void RollingLive::checkpoint(RollingField& field) {
-  field.checkpoint(kNote);
+  field.checkpoint(note());
   saved_steps_ = field.status().steps;
   last_ = Clock::now();
 }
 
+void RollingLive::sayDisk(const std::string& problem) {
+  constexpr int kMostSaid = 5;
+  if (std::exchange(disk_failed_, true) || ++said_disk_ > kMostSaid) return;
+  messages_.warning("rolling.disk", problem +
+                                        "; the run goes on with the tiles that are in memory, and scans for which "
+                                        "others would have to come or go are dropped, and block");
+}
+
 bool RollingLive::goesOnAfter(const Error& error) {
-  if (error.code() != ErrorCode::Output) return false;
-  if (!std::exchange(said_failed_, true)) {
-    messages_.warning("rolling.disk", std::string(error.what()) +
-                                          "; the flight goes on with the tiles that fit into memory, and what has no "
-                                          "place there blocks");
-  }
+  if (error.code() != ErrorCode::Output && error.code() != ErrorCode::Input) return false;
+  sayDisk(error.subject() + " " + error.problem());
   return true;
 }
 
 void RollingLive::finish(RollingField& field) {
-  checkpoint(field);
+  tryCheckpoint(field);
   if (field.status().points == 0) return;
   messages_.notice("scoring, and writing the tiles");
   RollingSource source;
   std::tie(source.parameters, source.flight) = plannedLive(settings_, field.params());
   source.inputs = report_.inputs;
   writeRolling(field, options_.map, writeOptions(options_.map.exported), source, report_, messages_);
-  field.checkpoint(kNote);  // with the labels
+  tryCheckpoint(field);  // with the labels
   words_.sayEnd(field.status());
+  if (report_.live) report_.live->status.rolling = field.status();
 }
 
 }  // namespace accessvdb::tools

@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <string>
 
 #include "accessvdb/live_session.h"
 #include "options/live_options.h"
@@ -27,8 +28,9 @@ class RollingLive {
   void addTo(LiveOptions& options) const;
   /// Once the session is there. @throws UnusableInput if the folder is not that of a live run
   void begin(const RollingField& field);
-  /// After each try of a step: a checkpoint when its time has come. @param taken  whether there was one
-  void afterStep(RollingField& field, bool taken);
+  /// After each try of a step: a checkpoint when its time has come.
+  /// @param taken  whether there was one  @param frame  of the poses; empty: not known
+  void afterStep(RollingField& field, bool taken, const std::string& frame);
   /// @throws OutputError
   void checkpoint(RollingField& field);
   /// Whether the run may go on after this failure of a step.
@@ -37,6 +39,12 @@ class RollingLive {
   void finish(RollingField& field);
 
  private:
+  /// With each checkpoint: whose folder it is, and how the map lies.
+  [[nodiscard]] std::string note() const;
+  void sayDisk(const std::string& problem);
+  void sayFrame(const std::string& frame);
+  void tryCheckpoint(RollingField& field);
+
   const LiveRunOptions& options_;
   PlanSettings settings_;
   RunReport& report_;
@@ -45,7 +53,9 @@ class RollingLive {
   double every_s_ = 0;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
   std::uint64_t saved_steps_ = 0;  ///< of the field, in its last checkpoint
-  bool said_failed_ = false;
+  std::string frame_;              ///< of the poses, in this run or the one that it goes on with
+  bool disk_failed_ = false, said_frame_ = false;
+  int said_disk_ = 0;
 };
 
 /// @throws InvalidArgument "usage.rolling"

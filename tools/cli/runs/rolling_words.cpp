@@ -37,10 +37,7 @@ void requireRollingFolders(const MapOptions& options) {
     throw OutputError("output.foreign", options.rolling, "holds the tiles of an earlier run",
                       "Add --resume " + options.rolling + " to go on with it, or choose another folder");
   }
-  if (!there && io::isThere(options.rolling, ErrorCode::Output) &&
-      !(fs::is_directory(options.rolling) && fs::is_empty(options.rolling))) {
-    throw OutputError("output.foreign", options.rolling, "is not an empty folder", "Choose another one for --rolling");
-  }
+  if (!there) RollingField::requireEmpty(options.rolling);
   if (!resumes && !options.fresh && tiles::hasPlan(options.out)) {  // said now, not after hours
     throw OutputError("output.foreign", options.out, "holds the tiles of another run",
                       "Choose another folder for --out");

@@ -195,7 +195,7 @@ std::optional<LiveStep> LiveRun::takeStep(LiveSession& session) {
   } catch (const Error& error) {
     if (!rolling_.goesOnAfter(error)) throw;
   }
-  rolling_.afterStep(*tiles, step.has_value());
+  rolling_.afterStep(*tiles, step.has_value(), session.status().world_frame);
   return step;
 }
 
