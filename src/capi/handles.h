@@ -4,6 +4,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -59,7 +60,6 @@ namespace accessvdb::capi {
 [[nodiscard]] inline bool isField(const accessvdb_field* handle) {
   return handle != nullptr && handle->mark == kFieldMark;
 }
-
 [[nodiscard]] inline bool isUpdate(const accessvdb_update* handle) {
   return handle != nullptr && handle->mark == kUpdateMark;
 }
@@ -79,6 +79,24 @@ int onField(accessvdb_field* field, const Body& body) noexcept {
 template <typename Body>
 int onUpdate(accessvdb_update* update, const Body& body) noexcept {
   return onHandle(isUpdate(update), update, body);
+}
+
+/// Has a handle keep the snapshot that `take` returns. @param point_count  out, may be null
+template <typename Handle, typename Take>
+int takeSnapshot(bool valid, Handle* handle, std::size_t* point_count, const Take& take) noexcept {
+  if (point_count != nullptr) *point_count = 0;
+  return onHandle(valid, handle, [&] {
+    handle->snapshot.reset();  // avoids two at once
+    handle->snapshot = take();
+    if (point_count != nullptr) *point_count = handle->snapshot->points.size();
+  });
+}
+
+template <typename Handle>
+void freeHandle(bool valid, Handle* handle) noexcept {
+  if (!valid) return;
+  handle->mark = kFreedMark;
+  delete handle;
 }
 
 }  // namespace accessvdb::capi
