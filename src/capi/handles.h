@@ -13,6 +13,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
+#include "accessvdb/rolling_field.h"
 #include "accessvdb/tool_spec.h"
 #include "capi/boundary.h"
 
@@ -21,7 +22,7 @@ namespace accessvdb::capi {
 /// First word of a handle, so that a handle of the other kind (or a freed one, as long as its memory is not reused) is
 /// detected instead of misread.
 inline constexpr std::uint32_t kToolMark = 0x4c4f4f54u, kFieldMark = 0x444c4546u, kUpdateMark = 0x54445055u,
-                               kFreedMark = 0;
+                               kRollingMark = 0x4c4c4f52u, kFreedMark = 0;
 
 }  // namespace accessvdb::capi
 
@@ -45,6 +46,17 @@ struct accessvdb_field {
   std::vector<accessvdb::SurfacePoint> opened;  ///< of the last what-if
 };
 
+struct accessvdb_rolling {
+  explicit accessvdb_rolling(accessvdb::RollingField made) : field(std::move(made)) {}
+  std::uint32_t mark = accessvdb::capi::kRollingMark;
+  std::atomic<bool> busy = false;
+  accessvdb_error error = {};
+  accessvdb::RollingField field;
+  std::optional<accessvdb::FieldSnapshot> snapshot;
+  std::vector<accessvdb::SurfacePoint> changed;  ///< of the last accessvdb_rolling_take_changed()
+  std::vector<std::string> lost_tiles;           ///< of the last accessvdb_rolling_get_status()
+};
+
 struct accessvdb_update {
   std::uint32_t mark = accessvdb::capi::kUpdateMark;
   std::atomic<bool> busy = false;
@@ -59,6 +71,9 @@ namespace accessvdb::capi {
 }
 [[nodiscard]] inline bool isField(const accessvdb_field* handle) {
   return handle != nullptr && handle->mark == kFieldMark;
+}
+[[nodiscard]] inline bool isRolling(const accessvdb_rolling* handle) {
+  return handle != nullptr && handle->mark == kRollingMark;
 }
 [[nodiscard]] inline bool isUpdate(const accessvdb_update* handle) {
   return handle != nullptr && handle->mark == kUpdateMark;
@@ -75,6 +90,10 @@ int onHandle(bool valid, Handle* handle, const Body& body) noexcept {
 template <typename Body>
 int onField(accessvdb_field* field, const Body& body) noexcept {
   return onHandle(isField(field), field, body);
+}
+template <typename Body>
+int onRolling(accessvdb_rolling* rolling, const Body& body) noexcept {
+  return onHandle(isRolling(rolling), rolling, body);
 }
 template <typename Body>
 int onUpdate(accessvdb_update* update, const Body& body) noexcept {
