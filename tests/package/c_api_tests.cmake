@@ -1,5 +1,5 @@
 # The C interface against the C++ one, and against misuse.
-accessvdb_test(c_api_test TOGETHER c_api_carry_test.cpp c_api_misuse_test.cpp c_api_parity_test.cpp c_api_query_test.cpp c_api_region_test.cpp c_api_tools_test.cpp LINKS accessvdb_sample_scans LABELS package)
+accessvdb_test(c_api_test TOGETHER c_api_carry_test.cpp c_api_misuse_test.cpp c_api_parity_test.cpp c_api_query_test.cpp c_api_region_test.cpp c_api_rolling_test.cpp c_api_tools_test.cpp LINKS accessvdb_sample_scans LABELS package)
 
 # A test program in C, so that a C compiler reads the header: C99 without extensions.
 add_executable(c_api_in_c c_api_in_c.c)
