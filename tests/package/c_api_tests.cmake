@@ -6,7 +6,8 @@ add_executable(c_api_in_c c_api_in_c.c)
 accessvdb_target(c_api_in_c)
 set_target_properties(c_api_in_c PROPERTIES C_STANDARD 99 C_STANDARD_REQUIRED ON C_EXTENSIONS OFF LINKER_LANGUAGE CXX)
 target_link_libraries(c_api_in_c PRIVATE AccessVDB::accessvdb)
-add_test(NAME package.c_api_in_c COMMAND c_api_in_c ${CMAKE_CURRENT_BINARY_DIR}/c_api_in_c_out)
+add_test(NAME package.c_api_in_c COMMAND sh -c "rm -rf \"$1\" && exec \"$0\" \"$1\""
+         $<TARGET_FILE:c_api_in_c> ${CMAKE_CURRENT_BINARY_DIR}/c_api_in_c_out)
 set_tests_properties(package.c_api_in_c PROPERTIES LABELS package)
 
 # A program built with the header of version 2 runs with this library.
