@@ -539,8 +539,9 @@ ACCESSVDB_API int accessvdb_rolling_integrate_rays_at(accessvdb_rolling* rolling
                                                       size_t point_count, const double* origins_W, size_t origin_count,
                                                       double stamp_s,
                                                       accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
-/// Takes it that returns may be missing within radius_m of each centre: what is free there blocks, for good. Shows with
-/// the next update. @param centres_W  [3 x count]  @param radius_m  0 .. 1e6
+/// Returns that this field will never get, although there were some, lay at most radius_m from these positions: from
+/// the next update on, points whose labels may depend on them are unscored with ACCESSVDB_REASON_CONFIDENCE, for good.
+/// @param centres_W  [3 x count] x y z  @param radius_m  0 .. 1e6
 ACCESSVDB_API int accessvdb_rolling_leave_out(accessvdb_rolling* rolling, const double* centres_W, size_t count,
                                               double radius_m) ACCESSVDB_C_NOEXCEPT;
 /// Scores what changed since the last update. @param stats  may be NULL
@@ -561,7 +562,7 @@ ACCESSVDB_API int accessvdb_rolling_drop_snapshot(accessvdb_rolling* rolling) AC
 
 /// Takes the points of tiles in memory that are new, or whose label, reason, direction or tools changed with an update,
 /// since the last call, and keeps them in the handle until the next. Those of tiles in the folder come with the first
-/// update after they are back. Needs notes_changes ("rolling.changes"). @param point_count  may be NULL
+/// update after they are back. Needs notes_changes ("rolling.changes").
 ACCESSVDB_API int accessvdb_rolling_take_changed(accessvdb_rolling* rolling, size_t* point_count) ACCESSVDB_C_NOEXCEPT;
 /// Copies points [first, first + count) of those, by id. @param points  [count]
 ACCESSVDB_API int accessvdb_rolling_copy_changed(accessvdb_rolling* rolling, size_t first, size_t count,

@@ -3,7 +3,6 @@
 /// Fields in C.
 #include <Eigen/Core>
 #include <algorithm>
-#include <cstring>
 #include <limits>
 #include <memory>
 #include <optional>

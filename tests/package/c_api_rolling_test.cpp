@@ -172,14 +172,9 @@ TEST_F(CApiRolling, HasThePointsOfCpp) {
   limitTo(0.5);
   ASSERT_EQ(make(), ACCESSVDB_OK) << error_.text;
   RollingField cpp(toolsInCpp(), paramsInCpp(), optionsInCpp());
-  const double closed_W[6] = {8, 0.5, 1, 20, -0.5, 1};
   for (int n = 0; n < kSteps; ++n) {
     step(cpp, n);
     ASSERT_NO_FATAL_FAILURE(step(field_, n));
-    if (n == 3) {
-      cpp.leaveOut(std::vector<Eigen::Vector3d>{Eigen::Vector3d(closed_W), Eigen::Vector3d(closed_W + 3)}, 0.4);
-      ASSERT_EQ(accessvdb_rolling_leave_out(field_, closed_W, 2, 0.4), ACCESSVDB_OK);
-    }
     if (n % 3 != 2) continue;
     const UpdateStats expected = cpp.update();
     auto stats = sized<accessvdb_update_stats>();
@@ -193,6 +188,12 @@ TEST_F(CApiRolling, HasThePointsOfCpp) {
     ASSERT_EQ(count, changed_in_cpp.size());
     ASSERT_GT(count, 0u);
     for (std::size_t p = 0; p < count; ++p) ASSERT_NO_FATAL_FAILURE(expectSame(changed[p], changed_in_cpp[p]));
+    if (n != 2) continue;
+    const std::vector<SurfacePoint> reached = cpp.snapshot().accessible();
+    ASSERT_GT(reached.size(), 50u);
+    const std::vector<Eigen::Vector3d> closed_W = {reached.front().position_W, reached.back().position_W};
+    cpp.leaveOut(closed_W, 2);
+    ASSERT_EQ(accessvdb_rolling_leave_out(field_, closed_W[0].data(), closed_W.size(), 2), ACCESSVDB_OK);
   }
   cpp.update();
   ASSERT_EQ(accessvdb_rolling_update(field_, nullptr), ACCESSVDB_OK);
@@ -216,7 +217,11 @@ TEST_F(CApiRolling, HasThePointsOfCpp) {
   const std::string out = scratch_ / "out_c", out_in_cpp = scratch_ / "out_cpp";
   ASSERT_EQ(accessvdb_rolling_write(field_, out.c_str()), ACCESSVDB_OK) << accessvdb_rolling_error_text(field_);
   ASSERT_EQ(cpp.write(out_in_cpp).size(), cpp.status().tiles);
-  EXPECT_EQ(tiles::readPlan(out).id(), tiles::readPlan(out_in_cpp).id());
+  const tiles::Plan plan = tiles::readPlan(out), plan_in_cpp = tiles::readPlan(out_in_cpp);
+  EXPECT_EQ(plan.id(), plan_in_cpp.id());
+  ASSERT_EQ(plan.flights.size(), 1u);
+  EXPECT_EQ(plan.flights[0].stamps_s, plan_in_cpp.flights[0].stamps_s);
+  EXPECT_GT(plan.flights[0].stamps_s.back(), 1);
   const tiles::Index index = tiles::readIndex(out), expected = tiles::readIndex(out_in_cpp);
   ASSERT_EQ(index.tiles.size(), expected.tiles.size());
   for (std::size_t n = 0; n < index.tiles.size(); ++n) EXPECT_EQ(index.tiles[n].points, expected.tiles[n].points);
