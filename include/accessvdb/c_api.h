@@ -516,6 +516,8 @@ typedef struct accessvdb_rolling_status {
 /// Makes a field of up to 32 tools, as accessvdb_field_create_tools() does. Not with a budget, the paper's policy,
 /// ACCESSVDB_CHANGE_FULL or accessvdb_params::carry (ACCESSVDB_ERROR_USAGE, "rolling.params"); a folder with something
 /// in it is refused without resume (ACCESSVDB_ERROR_OUTPUT, "output.foreign").
+/// With resume: "rolling.missing" or "rolling.damaged" (ACCESSVDB_ERROR_INPUT), "rolling.changed"
+/// (ACCESSVDB_ERROR_UNUSABLE).
 /// @param options  the folder at least  @param error  may be NULL. *rolling is NULL if the call fails.
 ACCESSVDB_API int accessvdb_rolling_create(const accessvdb_tool_spec* tools, size_t spec_size, size_t tool_count,
                                            const accessvdb_params* params, const accessvdb_rolling_options* options,
@@ -548,8 +550,8 @@ ACCESSVDB_API int accessvdb_rolling_leave_out(accessvdb_rolling* rolling, const 
 ACCESSVDB_API int accessvdb_rolling_update(accessvdb_rolling* rolling,
                                            accessvdb_update_stats* stats) ACCESSVDB_C_NOEXCEPT;
 
-/// Takes all points, also those of tiles in the folder, as accessvdb_field_take_snapshot() does. @param point_count may
-/// be NULL
+/// Takes all points, also those of tiles in the folder, as accessvdb_field_take_snapshot() does.
+/// @param point_count  may be NULL, here and below
 ACCESSVDB_API int accessvdb_rolling_take_snapshot(accessvdb_rolling* rolling, size_t* point_count) ACCESSVDB_C_NOEXCEPT;
 /// The same of the tiles in memory: the points around the sensor.
 ACCESSVDB_API int accessvdb_rolling_take_snapshot_in_memory(accessvdb_rolling* rolling,
