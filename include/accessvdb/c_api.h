@@ -24,7 +24,7 @@
 #include "accessvdb/export.h"
 
 /* Grows with every addition. A program built against version N runs with a library of version N or later. */
-#define ACCESSVDB_C_API_VERSION 6
+#define ACCESSVDB_C_API_VERSION 7
 
 #ifdef __cplusplus
 #define ACCESSVDB_C_NOEXCEPT noexcept
@@ -82,6 +82,7 @@ typedef struct accessvdb_error {
 typedef struct accessvdb_tool accessvdb_tool;
 typedef struct accessvdb_field accessvdb_field;
 typedef struct accessvdb_update accessvdb_update;
+typedef struct accessvdb_rolling accessvdb_rolling;
 
 /// Version of the loaded library, such as "0.1.0".
 ACCESSVDB_API const char* accessvdb_version(void) ACCESSVDB_C_NOEXCEPT;
@@ -483,6 +484,109 @@ ACCESSVDB_API double accessvdb_tool_opening_m(const accessvdb_tool* tool) ACCESS
 /// The largest share of a tool, of all and turned in any way, that is so near its tip that collisions there do not
 /// count. If it is more than a half, labels say little.
 ACCESSVDB_API int accessvdb_field_tool_share_hidden(accessvdb_field* field, double* share) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- a field of any extent in bounded memory (since version 7); accessvdb/rolling_field.h has the rules ---------- */
+
+typedef struct accessvdb_rolling_options {
+  uint32_t struct_size;
+  int32_t tile_voxels;          ///< edge of a tile: a power of two, or 0 = rule
+  const char* folder;           ///< where tiles go that leave memory. It may not exist yet, or be empty
+  uint64_t memory_limit_bytes;  ///< of map, mirror and points of the tiles in memory. 0 = no limit
+  uint64_t device_limit_bytes;  ///< of what lies on a GPU. 0 = no limit
+  int32_t notes_changes;        ///< 0 or 1: whether accessvdb_rolling_take_changed() will be called
+  int32_t resume;  ///< 1: go on after the last checkpoint in that folder, with the same tools and parameters
+} accessvdb_rolling_options;
+
+typedef struct accessvdb_rolling_status {
+  uint32_t struct_size;
+  int32_t memory_short;  ///< 1: in the last step not all tiles that the scan touched fitted; what did not, blocks
+  int32_t tile_voxels, margin_voxels;
+  uint64_t steps;   ///< scans
+  uint64_t points;  ///< of all tiles
+  uint64_t tiles, tiles_in_memory;
+  uint64_t saved, loaded;               ///< how often a tile left, and came back
+  uint64_t saved_ahead, loaded_ahead;   ///< of these: begun beside the steps, before it was needed
+  uint64_t memory_bytes, device_bytes;  ///< of the tiles in memory
+  uint64_t peak_memory_bytes;           ///< the most that memory_bytes was
+  uint64_t left_out_returns;
+  uint64_t lost_tile_count;  ///< tiles whose saved state was damaged: what they held is missing, for good
+  double fitting_range_m;    ///< if memory_short: the range within which all tiles fitted
+  int32_t unsaved;           ///< 1: in the last update a tile could not leave, so memory may pass the limit
+  int32_t reserved;
+} accessvdb_rolling_status;
+
+/// Makes a field of up to 32 tools, as accessvdb_field_create_tools() does. Not with a budget, the paper's policy
+/// or accessvdb_params::carry (ACCESSVDB_ERROR_USAGE, "rolling.params"); a folder with something
+/// in it is refused without resume (ACCESSVDB_ERROR_OUTPUT, "output.foreign").
+/// With resume: "rolling.missing" or "rolling.damaged" (ACCESSVDB_ERROR_INPUT), "rolling.changed"
+/// (ACCESSVDB_ERROR_UNUSABLE).
+/// @param options  the folder at least  @param error  may be NULL. *rolling is NULL if the call fails.
+ACCESSVDB_API int accessvdb_rolling_create(const accessvdb_tool_spec* tools, size_t spec_size, size_t tool_count,
+                                           const accessvdb_params* params, const accessvdb_rolling_options* options,
+                                           accessvdb_rolling** rolling, accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+/// *found is 1 if a folder has a checkpoint, whole or not, else 0.
+ACCESSVDB_API int accessvdb_rolling_has_checkpoint(const char* folder, int32_t* found,
+                                                   accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+/// Saves nothing: what came after the last checkpoint is lost. NULL is allowed.
+ACCESSVDB_API void accessvdb_rolling_free(accessvdb_rolling* rolling) ACCESSVDB_C_NOEXCEPT;
+/// The last failed call on this handle, as for a field.
+ACCESSVDB_API const char* accessvdb_rolling_error_text(const accessvdb_rolling* rolling) ACCESSVDB_C_NOEXCEPT;
+ACCESSVDB_API const char* accessvdb_rolling_error_id(const accessvdb_rolling* rolling) ACCESSVDB_C_NOEXCEPT;
+
+/// As accessvdb_field_integrate_scan_at(); NAN is no stamp. Where a tile cannot be saved (ACCESSVDB_ERROR_OUTPUT),
+/// nothing has changed.
+ACCESSVDB_API int accessvdb_rolling_integrate_scan_at(accessvdb_rolling* rolling, const float* points_S,
+                                                      size_t point_count, const double* T_W_S, double stamp_s,
+                                                      accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// As accessvdb_field_integrate_rays_at().
+ACCESSVDB_API int accessvdb_rolling_integrate_rays_at(accessvdb_rolling* rolling, const double* points_W,
+                                                      size_t point_count, const double* origins_W, size_t origin_count,
+                                                      double stamp_s,
+                                                      accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// Returns that this field will never get, although there were some, lay at most radius_m from these positions: from
+/// the next update on, points whose labels may depend on them are unscored with ACCESSVDB_REASON_CONFIDENCE, for good.
+/// @param centres_W  [3 x count] x y z  @param radius_m  0 .. 1e6
+ACCESSVDB_API int accessvdb_rolling_leave_out(accessvdb_rolling* rolling, const double* centres_W, size_t count,
+                                              double radius_m) ACCESSVDB_C_NOEXCEPT;
+/// Scores what changed since the last update. @param stats  may be NULL
+ACCESSVDB_API int accessvdb_rolling_update(accessvdb_rolling* rolling,
+                                           accessvdb_update_stats* stats) ACCESSVDB_C_NOEXCEPT;
+
+/// Takes all points, also those of tiles in the folder, as accessvdb_field_take_snapshot() does.
+/// @param point_count  may be NULL, here and below
+ACCESSVDB_API int accessvdb_rolling_take_snapshot(accessvdb_rolling* rolling, size_t* point_count) ACCESSVDB_C_NOEXCEPT;
+/// The same of the tiles in memory: the points around the sensor.
+ACCESSVDB_API int accessvdb_rolling_take_snapshot_in_memory(accessvdb_rolling* rolling,
+                                                            size_t* point_count) ACCESSVDB_C_NOEXCEPT;
+/// Copies points [first, first + count) of the snapshot, in the order of their ids. @param points  [count]
+ACCESSVDB_API int accessvdb_rolling_copy_points(accessvdb_rolling* rolling, size_t first, size_t count,
+                                                accessvdb_point* points, size_t point_size) ACCESSVDB_C_NOEXCEPT;
+/// Frees the snapshot's memory, which no limit counts.
+ACCESSVDB_API int accessvdb_rolling_drop_snapshot(accessvdb_rolling* rolling) ACCESSVDB_C_NOEXCEPT;
+
+/// Takes the points of tiles in memory that are new, or whose label, reason, direction or tools changed with an update,
+/// since the last call, and keeps them in the handle until the next. Those of tiles in the folder come with the first
+/// update after they are back. Needs notes_changes ("rolling.changes").
+ACCESSVDB_API int accessvdb_rolling_take_changed(accessvdb_rolling* rolling, size_t* point_count) ACCESSVDB_C_NOEXCEPT;
+/// Copies points [first, first + count) of those, by id. @param points  [count]
+ACCESSVDB_API int accessvdb_rolling_copy_changed(accessvdb_rolling* rolling, size_t first, size_t count,
+                                                 accessvdb_point* points, size_t point_size) ACCESSVDB_C_NOEXCEPT;
+
+ACCESSVDB_API int accessvdb_rolling_get_status(accessvdb_rolling* rolling,
+                                               accessvdb_rolling_status* status) ACCESSVDB_C_NOEXCEPT;
+/// Name of a lost tile, [0, lost_tile_count) of the last status, such as "3_-2"; "" for a bad index.
+ACCESSVDB_API const char* accessvdb_rolling_lost_tile(const accessvdb_rolling* rolling,
+                                                      size_t index) ACCESSVDB_C_NOEXCEPT;
+
+/// Saves what changed since the last checkpoint, whole or not at all; resume goes on from here.
+/// @param note  kept with it, for you, such as which files were read; NULL = empty
+ACCESSVDB_API int accessvdb_rolling_checkpoint(accessvdb_rolling* rolling, const char* note) ACCESSVDB_C_NOEXCEPT;
+/// Of the last checkpoint; "" if there is none, or for a bad handle.
+ACCESSVDB_API const char* accessvdb_rolling_note(const accessvdb_rolling* rolling) ACCESSVDB_C_NOEXCEPT;
+/// From now on tiles leave as if the limits were this share of themselves, 0 .. 1. No result depends on it.
+ACCESSVDB_API int accessvdb_rolling_tighten(accessvdb_rolling* rolling, double share) ACCESSVDB_C_NOEXCEPT;
+/// Updates, and writes a folder of tiles as `map --tiles` does, for `tile merge` and whatever reads such a folder.
+ACCESSVDB_API int accessvdb_rolling_write(accessvdb_rolling* rolling, const char* folder) ACCESSVDB_C_NOEXCEPT;
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -57,7 +57,7 @@ struct RollingStatus {
   bool memory_short = false;
   double fitting_range_m = 0;  ///< then: the range within which all tiles fitted
   std::uint64_t left_out_returns = 0;
-  std::vector<std::string> lost_tiles;  ///< whose saved state was damaged: all their points are unscored, for good
+  std::vector<std::string> lost_tiles;  ///< whose saved state was damaged: what they held is missing, for good
 };
 
 /// What the folder of RollingField::write() says of where its scans came from.

@@ -48,6 +48,11 @@ void requirePointer(const char* name, const void* pointer) {
   if (pointer == nullptr) throw InvalidArgument("c_api.null", name, "is NULL");
 }
 
+void requireText(const char* name, const char* text, const char* advice) {
+  requirePointer(name, text);
+  if (*text == '\0') throw InvalidArgument("c_api.value", name, "is empty", advice);
+}
+
 void requireArray(const char* name, const void* pointer, std::size_t count, std::size_t element_bytes,
                   std::size_t alignment) {
   if (count == 0) return;

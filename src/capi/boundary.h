@@ -37,6 +37,8 @@ int guardedWithout(accessvdb_error* given, const Body& body) noexcept;
 
 /// @throws InvalidArgument "c_api.null"
 void requirePointer(const char* name, const void* pointer);
+/// @throws InvalidArgument "c_api.null", "c_api.value" for an empty one. @param advice  what to do next
+void requireText(const char* name, const char* text, const char* advice);
 /// An array of `count` elements: not NULL unless empty, aligned, and not larger than the address space.
 /// @throws InvalidArgument "c_api.null", "c_api.alignment", "c_api.count"
 void requireArray(const char* name, const void* pointer, std::size_t count, std::size_t element_bytes,

@@ -3,7 +3,6 @@
 /// Fields in C.
 #include <Eigen/Core>
 #include <algorithm>
-#include <cstring>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -12,7 +11,9 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
+#include "capi/arrays_in.h"
 #include "capi/boundary.h"
+#include "capi/frame_stats_out.h"
 #include "capi/handles.h"
 #include "capi/params_from_c.h"
 #include "capi/points_out.h"
@@ -22,123 +23,23 @@ namespace capi = accessvdb::capi;
 using accessvdb::AccessibilityField;
 using accessvdb::InvalidArgument;
 using accessvdb::SurfacePoint;
-using accessvdb::UnusableInput;
 using accessvdb::capi::onField;
 
 namespace {
 
-// Sizes of the first versions.
-constexpr std::size_t kPointBytes1 = 80;
-constexpr std::size_t kFrameStatsBytes1 = 112;
-constexpr std::size_t kCountsBytes1 = 96;
-static_assert(sizeof(accessvdb_point) >= kPointBytes1 && sizeof(accessvdb_frame_stats) >= kFrameStatsBytes1 &&
-              sizeof(accessvdb_counts) >= kCountsBytes1);
-// Arrays of three numbers are read as Eigen's vectors in place.
-static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float) && alignof(Eigen::Vector3f) == alignof(float));
-static_assert(sizeof(Eigen::Vector3d) == 3 * sizeof(double) && alignof(Eigen::Vector3d) == alignof(double));
-
-template <typename Scalar>
-auto vectors(const char* name, const Scalar* xyz, std::size_t count) {
-  using Vector = Eigen::Matrix<Scalar, 3, 1>;
-  capi::requireArray(name, xyz, count, sizeof(Vector), alignof(Scalar));
-  return std::span<const Vector>(reinterpret_cast<const Vector*>(xyz), count);
-}
-
-/// @param T_W_S  [16] row-major
-Eigen::Isometry3d poseFromC(const double* T_W_S) {
-  capi::requireArray("T_W_S", T_W_S, 16, sizeof(double), alignof(double));
-  Eigen::Isometry3d pose;
-  pose.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(T_W_S);
-  if (pose.matrix().row(3) != Eigen::RowVector4d(0, 0, 0, 1)) {
-    if (!pose.matrix().allFinite()) {
-      throw UnusableInput("pose.last_row", "T_W_S", "the pose is not finite",
-                          "Leave out scans whose pose is not known");
-    }
-    throw UnusableInput("pose.last_row", "T_W_S", "the last row of a pose is not 0 0 0 1",
-                        "Pass the matrix row by row; in a transposed one the position is there");
-  }
-  return pose;
-}
-
-accessvdb_point pointToC(const SurfacePoint& p) {
-  accessvdb_point c = {};
-  Eigen::Map<Eigen::Vector3d>(c.position_W) = p.position_W;
-  Eigen::Map<Eigen::Vector3f>(c.normal_W) = p.normal_W;
-  Eigen::Map<Eigen::Vector3f>(c.direction_W) = p.direction_W;
-  c.yaw_rad = p.yaw_rad;
-  c.weight = p.weight;
-  c.confidence = p.confidence;
-  c.stability = p.stability;
-  c.id = p.id;
-  c.direction = p.direction;
-  c.score = p.score;
-  c.label = static_cast<std::uint8_t>(p.label);
-  c.reason = static_cast<std::uint8_t>(p.reason);
-  c.confident = p.confident;
-  c.roll = p.roll;
-  c.tool = p.tool;
-  c.tools = p.tools;
-  const Eigen::Quaternionf& q = p.orientation_WT;
-  const float wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
-  std::copy_n(wxyz, 4, c.orientation_WT);
-  return c;
-}
-
-/// Writes a point of the caller's version.
-void writePoint(void* out, std::size_t size, const SurfacePoint& point) { capi::writeRow(out, size, pointToC(point)); }
-
-/// Size given by the caller; 0 for no struct.
-template <typename Struct>
-std::size_t optionalSize(const char* name, const Struct* out, std::size_t least) {
-  return out == nullptr ? 0 : capi::checkedSize(name, out, least);
-}
-
-void writeStats(accessvdb_frame_stats* out, std::size_t size, const accessvdb::FrameStats& stats) {
-  if (size == 0) return;
-  accessvdb_frame_stats c = {};
-  c.points_in = stats.points_in;
-  c.points_used = stats.points_used;
-  std::copy(stats.dropped.begin(), stats.dropped.end(), c.dropped);
-  c.touched_leaves = stats.touched_leaves;
-  c.new_leaves = stats.new_leaves;
-  c.distance_updates = stats.distance_updates;
-  c.cleared_updates = stats.cleared_updates;
-  c.integrate_ms = stats.integrate_ms;
-  c.mirror_ms = stats.mirror_ms;
-  capi::writeSized(out, size, c);
-}
-
-void requireName(const char* file) {
-  capi::requirePointer("file", file);
-  if (*file == '\0') throw InvalidArgument("c_api.value", "file", "is empty", "Name the file of the state");
-}
+constexpr std::size_t kCountsBytes1 = 96;  ///< size of the first version
+static_assert(sizeof(accessvdb_counts) >= kCountsBytes1);
 
 std::span<const std::int32_t> valuesOf(const std::int32_t* attributes, std::size_t count) {
   capi::requireArray("attributes", attributes, count, sizeof(std::int32_t), alignof(std::int32_t));
   return {attributes, count};
 }
 
-const accessvdb::FieldSnapshot& snapshotOf(const accessvdb_field* field) {
-  if (field->snapshot) return *field->snapshot;
-  throw InvalidArgument("snapshot.none", "", "no snapshot has been taken", "Call accessvdb_field_take_snapshot first");
+const accessvdb::FieldSnapshot& takenFrom(const accessvdb_field* field) {
+  return capi::takenSnapshot(field->snapshot, "accessvdb_field_take_snapshot");
 }
 
 }  // namespace
-
-void accessvdb::capi::copyPoints(const std::vector<SurfacePoint>& all, const PointRange& range, accessvdb_point* points,
-                                 std::size_t point_size) {
-  const auto [first, count] = range;
-  requireSize("point_size", point_size, kPointBytes1);
-  requireArray("points", points, count, point_size, alignof(accessvdb_point));
-  if (first > all.size() || count > all.size() - first) {
-    throw InvalidArgument(
-        "snapshot.range", "",
-        std::to_string(count) + " points from " + std::to_string(first) + " on, of " + std::to_string(all.size()),
-        "The call that found them returns their number");
-  }
-  auto* out = reinterpret_cast<unsigned char*>(points);
-  for (std::size_t n = 0; n < count; ++n) writePoint(out + n * point_size, point_size, all[first + n]);
-}
 
 int accessvdb_params_defaults(accessvdb_params* params) noexcept {
   accessvdb_error unread = {};
@@ -164,19 +65,12 @@ int accessvdb_field_create(const accessvdb_tool* tool, const accessvdb_params* p
   return capi::guardedWithout(error, [&] {
     capi::requirePointer("field", field);
     if (!capi::isTool(tool)) throw InvalidArgument("c_api.handle", "tool", "is not a tool", "Make one first");
-    accessvdb::FieldParams given;
-    if (params != nullptr) {
-      given = capi::paramsFromC(capi::readSized("params", params, capi::kParamsBytes1, capi::paramsToC({})));
-    }
-    *field = std::make_unique<accessvdb_field>(AccessibilityField(tool->tool, given)).release();
+    *field =
+        std::make_unique<accessvdb_field>(AccessibilityField(tool->tool, capi::paramsOrDefaults(params))).release();
   });
 }
 
-void accessvdb_field_free(accessvdb_field* field) noexcept {
-  if (!capi::isField(field)) return;
-  field->mark = capi::kFreedMark;
-  delete field;
-}
+void accessvdb_field_free(accessvdb_field* field) noexcept { capi::freeHandle(capi::isField(field), field); }
 
 const char* accessvdb_field_error_text(const accessvdb_field* field) noexcept {
   return capi::isField(field) ? field->error.text : "this is not a field. Make one with accessvdb_field_create.";
@@ -189,18 +83,18 @@ const char* accessvdb_field_error_id(const accessvdb_field* field) noexcept {
 int accessvdb_field_integrate_scan(accessvdb_field* field, const float* points_S, std::size_t point_count,
                                    const double* T_W_S, accessvdb_frame_stats* stats) noexcept {
   return onField(field, [&] {
-    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
-    const auto points = vectors("points_S", points_S, point_count);
-    writeStats(stats, size, field->field.integrateScan(points, poseFromC(T_W_S)));
+    const capi::FrameStatsOut out(stats);
+    const auto points = capi::vectors("points_S", points_S, point_count);
+    out.write(field->field.integrateScan(points, capi::poseFromC(T_W_S)));
   });
 }
 
 int accessvdb_field_integrate_scan_at(accessvdb_field* field, const float* points_S, std::size_t point_count,
                                       const double* T_W_S, double stamp_s, accessvdb_frame_stats* stats) noexcept {
   return onField(field, [&] {
-    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
-    const auto points = vectors("points_S", points_S, point_count);
-    writeStats(stats, size, field->field.integrateScan(points, poseFromC(T_W_S), stamp_s));
+    const capi::FrameStatsOut out(stats);
+    const auto points = capi::vectors("points_S", points_S, point_count);
+    out.write(field->field.integrateScan(points, capi::poseFromC(T_W_S), stamp_s));
   });
 }
 
@@ -208,9 +102,9 @@ int accessvdb_field_integrate_rays(accessvdb_field* field, const double* points_
                                    const double* origins_W, std::size_t origin_count,
                                    accessvdb_frame_stats* stats) noexcept {
   return onField(field, [&] {
-    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
-    const auto points = vectors("points_W", points_W, point_count);
-    writeStats(stats, size, field->field.integrateRays(points, vectors("origins_W", origins_W, origin_count)));
+    const capi::FrameStatsOut out(stats);
+    const auto points = capi::vectors("points_W", points_W, point_count);
+    out.write(field->field.integrateRays(points, capi::vectors("origins_W", origins_W, origin_count)));
   });
 }
 
@@ -218,10 +112,10 @@ int accessvdb_field_integrate_rays_at(accessvdb_field* field, const double* poin
                                       const double* origins_W, std::size_t origin_count, double stamp_s,
                                       accessvdb_frame_stats* stats) noexcept {
   return onField(field, [&] {
-    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
-    const auto points = vectors("points_W", points_W, point_count);
-    const auto origins = vectors("origins_W", origins_W, origin_count);
-    writeStats(stats, size, field->field.integrateRays(points, origins, stamp_s));
+    const capi::FrameStatsOut out(stats);
+    const auto points = capi::vectors("points_W", points_W, point_count);
+    const auto origins = capi::vectors("origins_W", origins_W, origin_count);
+    out.write(field->field.integrateRays(points, origins, stamp_s));
   });
 }
 
@@ -229,10 +123,10 @@ int accessvdb_field_integrate_scan_carrying(accessvdb_field* field, const float*
                                             const double* T_W_S, double stamp_s, const std::int32_t* attributes,
                                             std::size_t attribute_count, accessvdb_frame_stats* stats) noexcept {
   return onField(field, [&] {
-    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
-    const auto points = vectors("points_S", points_S, point_count);
+    const capi::FrameStatsOut out(stats);
+    const auto points = capi::vectors("points_S", points_S, point_count);
     const auto values = valuesOf(attributes, attribute_count);
-    writeStats(stats, size, field->field.integrateScan(points, poseFromC(T_W_S), stamp_s, values));
+    out.write(field->field.integrateScan(points, capi::poseFromC(T_W_S), stamp_s, values));
   });
 }
 
@@ -241,18 +135,18 @@ int accessvdb_field_integrate_rays_carrying(accessvdb_field* field, const double
                                             const std::int32_t* attributes, std::size_t attribute_count,
                                             accessvdb_frame_stats* stats) noexcept {
   return onField(field, [&] {
-    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
-    const auto points = vectors("points_W", points_W, point_count);
-    const auto origins = vectors("origins_W", origins_W, origin_count);
+    const capi::FrameStatsOut out(stats);
+    const auto points = capi::vectors("points_W", points_W, point_count);
+    const auto origins = capi::vectors("origins_W", origins_W, origin_count);
     const auto values = valuesOf(attributes, attribute_count);
-    writeStats(stats, size, field->field.integrateRays(points, origins, stamp_s, values));
+    out.write(field->field.integrateRays(points, origins, stamp_s, values));
   });
 }
 
 int accessvdb_field_copy_attribute(accessvdb_field* field, std::size_t column, std::size_t first, std::size_t count,
                                    std::int32_t* values) noexcept {
   return onField(field, [&] {
-    const std::vector<accessvdb::AttributeColumn>& columns = snapshotOf(field).attributes;
+    const std::vector<accessvdb::AttributeColumn>& columns = takenFrom(field).attributes;
     if (column >= columns.size()) {
       throw InvalidArgument("carry.column", std::to_string(column),
                             "is not one of the " + std::to_string(columns.size()) + " attributes of this field",
@@ -292,23 +186,18 @@ int accessvdb_field_update(accessvdb_field* field, accessvdb_update_stats* stats
 }
 
 int accessvdb_field_take_snapshot(accessvdb_field* field, std::size_t* point_count) noexcept {
-  if (point_count != nullptr) *point_count = 0;
-  return onField(field, [&] {
-    field->snapshot.reset();  // avoids two at once
-    field->snapshot = field->field.snapshot();
-    if (point_count != nullptr) *point_count = field->snapshot->points.size();
-  });
+  return capi::takeSnapshot(capi::isField(field), field, point_count, [&] { return field->field.snapshot(); });
 }
 
 int accessvdb_field_copy_points(accessvdb_field* field, std::size_t first, std::size_t count, accessvdb_point* points,
                                 std::size_t point_size) noexcept {
-  return onField(field, [&] { capi::copyPoints(snapshotOf(field).points, {first, count}, points, point_size); });
+  return onField(field, [&] { capi::copyPoints(takenFrom(field).points, {first, count}, points, point_size); });
 }
 
 int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts) noexcept {
   return onField(field, [&] {
     const std::size_t size = capi::checkedSize("counts", counts, kCountsBytes1);
-    const accessvdb::FieldSnapshot& snapshot = snapshotOf(field);
+    const accessvdb::FieldSnapshot& snapshot = takenFrom(field);
     accessvdb_counts c = {};
     c.points = snapshot.points.size();
     for (const SurfacePoint& point : snapshot.points) {
@@ -330,11 +219,11 @@ int accessvdb_field_point_at(accessvdb_field* field, const double* p_W, accessvd
   return onField(field, [&] {
     capi::requirePointer("found", found);
     capi::requireArray("p_W", p_W, 3, sizeof(double), alignof(double));
-    capi::requireSize("point_size", point_size, kPointBytes1);
+    capi::requireSize("point_size", point_size, capi::kPointBytes1);
     capi::requirePointer("point", point);
     const std::optional<SurfacePoint> answer = field->field.pointAt(Eigen::Vector3d(p_W));
     if (!answer) return;
-    writePoint(point, point_size, *answer);
+    capi::writePoint(point, point_size, *answer);
     *found = 1;
   });
 }
@@ -349,15 +238,14 @@ const char* accessvdb_field_parameters(const accessvdb_field* field) noexcept {
 
 int accessvdb_field_write(accessvdb_field* field, const char* folder) noexcept {
   return onField(field, [&] {
-    capi::requirePointer("folder", folder);
-    if (*folder == '\0') throw InvalidArgument("c_api.value", "folder", "is empty", "Name the output folder");
+    capi::requireText("folder", folder, "Name the output folder");
     field->field.write(folder);
   });
 }
 
 int accessvdb_field_save_state(accessvdb_field* field, const char* file) noexcept {
   return onField(field, [&] {
-    requireName(file);
+    capi::requireText("file", file, "Name the file of the state");
     field->field.saveState(file);
   });
 }
@@ -367,7 +255,7 @@ int accessvdb_field_load_state(const char* file, const accessvdb_tool* tool, std
   if (field != nullptr) *field = nullptr;
   return capi::guardedWithout(error, [&] {
     capi::requirePointer("field", field);
-    requireName(file);
+    capi::requireText("file", file, "Name the file of the state");
     if (!capi::isTool(tool)) throw InvalidArgument("c_api.handle", "tool", "is not a tool", "Make one first");
     const accessvdb::BackendKind kind = capi::backendFromC(backend);
     *field =

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -12,6 +13,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
+#include "accessvdb/rolling_field.h"
 #include "accessvdb/tool_spec.h"
 #include "capi/boundary.h"
 
@@ -20,7 +22,7 @@ namespace accessvdb::capi {
 /// First word of a handle, so that a handle of the other kind (or a freed one, as long as its memory is not reused) is
 /// detected instead of misread.
 inline constexpr std::uint32_t kToolMark = 0x4c4f4f54u, kFieldMark = 0x444c4546u, kUpdateMark = 0x54445055u,
-                               kFreedMark = 0;
+                               kRollingMark = 0x4c4c4f52u, kFreedMark = 0;
 
 }  // namespace accessvdb::capi
 
@@ -44,6 +46,17 @@ struct accessvdb_field {
   std::vector<accessvdb::SurfacePoint> opened;  ///< of the last what-if
 };
 
+struct accessvdb_rolling {
+  explicit accessvdb_rolling(accessvdb::RollingField made) : field(std::move(made)) {}
+  std::uint32_t mark = accessvdb::capi::kRollingMark;
+  std::atomic<bool> busy = false;
+  accessvdb_error error = {};
+  accessvdb::RollingField field;
+  std::optional<accessvdb::FieldSnapshot> snapshot;
+  std::vector<accessvdb::SurfacePoint> changed;  ///< of the last accessvdb_rolling_take_changed()
+  std::vector<std::string> lost_tiles;           ///< of the last accessvdb_rolling_get_status()
+};
+
 struct accessvdb_update {
   std::uint32_t mark = accessvdb::capi::kUpdateMark;
   std::atomic<bool> busy = false;
@@ -59,7 +72,9 @@ namespace accessvdb::capi {
 [[nodiscard]] inline bool isField(const accessvdb_field* handle) {
   return handle != nullptr && handle->mark == kFieldMark;
 }
-
+[[nodiscard]] inline bool isRolling(const accessvdb_rolling* handle) {
+  return handle != nullptr && handle->mark == kRollingMark;
+}
 [[nodiscard]] inline bool isUpdate(const accessvdb_update* handle) {
   return handle != nullptr && handle->mark == kUpdateMark;
 }
@@ -77,8 +92,30 @@ int onField(accessvdb_field* field, const Body& body) noexcept {
   return onHandle(isField(field), field, body);
 }
 template <typename Body>
+int onRolling(accessvdb_rolling* rolling, const Body& body) noexcept {
+  return onHandle(isRolling(rolling), rolling, body);
+}
+template <typename Body>
 int onUpdate(accessvdb_update* update, const Body& body) noexcept {
   return onHandle(isUpdate(update), update, body);
+}
+
+/// Has a handle keep the snapshot that `take` returns. @param point_count  out, may be null
+template <typename Handle, typename Take>
+int takeSnapshot(bool valid, Handle* handle, std::size_t* point_count, const Take& take) noexcept {
+  if (point_count != nullptr) *point_count = 0;
+  return onHandle(valid, handle, [&] {
+    handle->snapshot.reset();  // avoids two at once
+    handle->snapshot = take();
+    if (point_count != nullptr) *point_count = handle->snapshot->points.size();
+  });
+}
+
+template <typename Handle>
+void freeHandle(bool valid, Handle* handle) noexcept {
+  if (!valid) return;
+  handle->mark = kFreedMark;
+  delete handle;
 }
 
 }  // namespace accessvdb::capi

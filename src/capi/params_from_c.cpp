@@ -77,6 +77,11 @@ FieldParams paramsFromC(const accessvdb_params& c) {
   return p;
 }
 
+FieldParams paramsOrDefaults(const accessvdb_params* params) {
+  if (params == nullptr) return {};
+  return paramsFromC(readSized("params", params, kParamsBytes1, paramsToC({})));
+}
+
 accessvdb_params paramsToC(const FieldParams& p) {
   accessvdb_params c = {};
   giveToC(p, c);

@@ -9,6 +9,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/batch_query.h"
 #include "accessvdb/c_api.h"
+#include "capi/arrays_in.h"
 #include "capi/boundary.h"
 #include "capi/handles.h"
 
@@ -22,7 +23,6 @@ constexpr std::size_t kCapsuleBytes1 = 56;
 constexpr std::size_t kCapsuleAnswerBytes1 = 16;
 static_assert(sizeof(accessvdb_point_answer) >= kPointAnswerBytes1 && sizeof(accessvdb_capsule) >= kCapsuleBytes1 &&
               sizeof(accessvdb_capsule_answer) >= kCapsuleAnswerBytes1);
-static_assert(sizeof(Eigen::Vector3d) == 3 * sizeof(double) && alignof(Eigen::Vector3d) == alignof(double));
 
 /// Answers converted at a time, so that memory does not grow with the query.
 constexpr std::size_t kAtATime = 1 << 16;
@@ -67,9 +67,8 @@ int accessvdb_field_query_points(accessvdb_field* field, const double* points_W,
                                  accessvdb_point_answer* answers, std::size_t answer_size) noexcept {
   return capi::onField(field, [&] {
     capi::requireSize("answer_size", answer_size, kPointAnswerBytes1);
-    capi::requireArray("points_W", points_W, count, sizeof(Eigen::Vector3d), alignof(double));
+    const auto points = capi::vectors("points_W", points_W, count);
     capi::requireArray("answers", answers, count, answer_size, alignof(accessvdb_point_answer));
-    const std::span<const Eigen::Vector3d> points(reinterpret_cast<const Eigen::Vector3d*>(points_W), count);
     const accessvdb::BatchQuery query = field->field.batchQuery();
     std::vector<accessvdb::PointAnswer> some(std::min(count, kAtATime));
     for (std::size_t first = 0; first < count; first += kAtATime) {

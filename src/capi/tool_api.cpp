@@ -119,8 +119,4 @@ const char* accessvdb_tool_sha256(const accessvdb_tool* tool) noexcept {
   return capi::isTool(tool) ? tool->tool.sha256().c_str() : "";
 }
 
-void accessvdb_tool_free(accessvdb_tool* tool) noexcept {
-  if (!capi::isTool(tool)) return;
-  tool->mark = capi::kFreedMark;
-  delete tool;
-}
+void accessvdb_tool_free(accessvdb_tool* tool) noexcept { capi::freeHandle(capi::isTool(tool), tool); }

@@ -46,8 +46,4 @@ const char* accessvdb_update_error_id(const accessvdb_update* update) noexcept {
   return capi::isUpdate(update) ? update->error.id : "c_api.handle";
 }
 
-void accessvdb_update_free(accessvdb_update* update) noexcept {
-  if (!capi::isUpdate(update)) return;
-  update->mark = capi::kFreedMark;
-  delete update;
-}
+void accessvdb_update_free(accessvdb_update* update) noexcept { capi::freeHandle(capi::isUpdate(update), update); }

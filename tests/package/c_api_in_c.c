@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The C API used from C99: maps a wall, reads labels, and checks that invalid calls fail with their codes.
-///   c_api_in_c OUT_FOLDER
+///   c_api_in_c OUT_FOLDER, which is new or empty
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -83,6 +83,76 @@ static void check_points(accessvdb_field* field) {
   free(points);
 }
 
+static accessvdb_rolling* make_rolling(const char* folder, int resume, accessvdb_error* error) {
+  accessvdb_tool* tool = NULL;
+  accessvdb_rolling* rolling = NULL;
+  accessvdb_params params = {.struct_size = sizeof params};
+  const accessvdb_rolling_options options = {.struct_size = sizeof options,
+                                             .folder = folder,
+                                             .memory_limit_bytes = UINT64_C(1) << 32,
+                                             .notes_changes = 1,
+                                             .resume = resume};
+  CHECK(accessvdb_tool_builtin("builtin:pencil", &tool, error) == ACCESSVDB_OK);
+  CHECK(accessvdb_params_defaults(&params) == ACCESSVDB_OK);
+  params.voxel_size_m = 0.05;
+  const accessvdb_tool_spec specs[1] = {{.tool = tool}};
+  (void)accessvdb_rolling_create(specs, sizeof specs[0], 1, &params, &options, &rolling, error);
+  accessvdb_tool_free(tool);
+  return rolling;
+}
+
+/// The same wall in a field of any extent, which goes on after a stop.
+static void check_rolling(const float* wall_S, const char* out_folder) {
+  char folder[4096], out[4096];
+  accessvdb_error error = {.struct_size = sizeof error};
+  accessvdb_frame_stats frame = {.struct_size = sizeof frame};
+  accessvdb_update_stats update = {.struct_size = sizeof update};
+  accessvdb_rolling_status status = {.struct_size = sizeof status};
+  accessvdb_point point;
+  const double T_W_S[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+  const double ray_W[3] = {2, 0, 0}, sensor_W[3] = {0, 0, 0}, behind_W[3] = {-5, 0, 0};
+  size_t count = 0, changed = 0, near = 0;
+  int32_t found = 1;
+  snprintf(folder, sizeof folder, "%s/rolling", out_folder);
+  snprintf(out, sizeof out, "%s/tiles", out_folder);
+
+  CHECK(accessvdb_rolling_has_checkpoint(folder, &found, &error) == ACCESSVDB_OK && found == 0);
+  CHECK(make_rolling(folder, 1, &error) == NULL && error.code == ACCESSVDB_ERROR_INPUT);
+  CHECK(strcmp(error.id, "rolling.missing") == 0);
+  accessvdb_rolling* rolling = make_rolling(folder, 0, &error);
+  CHECK(rolling != NULL);
+  if (rolling == NULL) return;
+  CHECK(accessvdb_rolling_copy_points(rolling, 0, 1, &point, sizeof point) == ACCESSVDB_ERROR_USAGE);
+  CHECK(strcmp(accessvdb_rolling_error_id(rolling), "snapshot.none") == 0);
+  CHECK(strlen(accessvdb_rolling_error_text(rolling)) > 10);
+  CHECK(accessvdb_rolling_integrate_scan_at(rolling, wall_S, POINTS, T_W_S, 0.0, &frame) == ACCESSVDB_OK);
+  CHECK(frame.points_used == POINTS);
+  CHECK(accessvdb_rolling_integrate_rays_at(rolling, ray_W, 1, sensor_W, 1, NAN, NULL) == ACCESSVDB_OK);
+  CHECK(accessvdb_rolling_leave_out(rolling, behind_W, 1, 0.2) == ACCESSVDB_OK);
+  CHECK(accessvdb_rolling_tighten(rolling, 0.9) == ACCESSVDB_OK);
+  CHECK(accessvdb_rolling_update(rolling, &update) == ACCESSVDB_OK && update.scored_points > 0);
+  CHECK(accessvdb_rolling_take_snapshot_in_memory(rolling, &near) == ACCESSVDB_OK);
+  CHECK(accessvdb_rolling_take_snapshot(rolling, &count) == ACCESSVDB_OK && count == near && count > 500);
+  CHECK(accessvdb_rolling_copy_points(rolling, 7, 1, &point, sizeof point) == ACCESSVDB_OK && point.id == 7);
+  CHECK(accessvdb_rolling_drop_snapshot(rolling) == ACCESSVDB_OK);
+  CHECK(accessvdb_rolling_take_changed(rolling, &changed) == ACCESSVDB_OK && changed == count);
+  CHECK(accessvdb_rolling_copy_changed(rolling, 7, 1, &point, sizeof point) == ACCESSVDB_OK && point.id == 7);
+  CHECK(accessvdb_rolling_get_status(rolling, &status) == ACCESSVDB_OK);
+  CHECK(status.steps == 2 && status.points == count && status.tiles == status.tiles_in_memory);
+  CHECK(status.memory_bytes > 0 && !status.memory_short && status.lost_tile_count == 0);
+  CHECK(strcmp(accessvdb_rolling_lost_tile(rolling, 0), "") == 0);
+  CHECK(accessvdb_rolling_checkpoint(rolling, "one wall") == ACCESSVDB_OK);
+  CHECK(accessvdb_rolling_write(rolling, out) == ACCESSVDB_OK);
+  accessvdb_rolling_free(rolling);
+
+  CHECK(accessvdb_rolling_has_checkpoint(folder, &found, &error) == ACCESSVDB_OK && found == 1);
+  CHECK(make_rolling(folder, 0, &error) == NULL && error.code == ACCESSVDB_ERROR_OUTPUT);
+  rolling = make_rolling(folder, 1, &error);
+  CHECK(rolling != NULL && strcmp(accessvdb_rolling_note(rolling), "one wall") == 0);
+  CHECK(accessvdb_rolling_get_status(rolling, &status) == ACCESSVDB_OK && status.points == count);
+  accessvdb_rolling_free(rolling);
+}
+
 int main(int argc, char** argv) {
   accessvdb_error error = {.struct_size = sizeof error};
   accessvdb_params params = {.struct_size = sizeof params};
@@ -124,7 +194,10 @@ int main(int argc, char** argv) {
   CHECK(accessvdb_field_update_async(field, &running) == ACCESSVDB_OK);
   CHECK(accessvdb_update_wait(running, &update) == ACCESSVDB_OK && update.scored_points == 0);
   accessvdb_update_free(running);
-  if (argc > 1) CHECK(accessvdb_field_write(field, argv[1]) == ACCESSVDB_OK);
+  if (argc > 1) {
+    CHECK(accessvdb_field_write(field, argv[1]) == ACCESSVDB_OK);
+    check_rolling(wall_S, argv[1]);
+  }
   accessvdb_field_free(field);
 
   if (failures == 0) puts("all well");

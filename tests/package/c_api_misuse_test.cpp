@@ -15,18 +15,14 @@
 #include <vector>
 
 #include "accessvdb/c_api.h"
+#include "package/beside_cpp.h"
 #include "support/scratch_folder.h"
 
 namespace {
 
-constexpr std::array<double, 16> kIdentity = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+using accessvdb::test::sized;
 
-template <typename Struct>
-Struct sized(std::size_t bytes = sizeof(Struct)) {
-  Struct out = {};
-  out.struct_size = static_cast<std::uint32_t>(bytes);
-  return out;
-}
+constexpr std::array<double, 16> kIdentity = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
 class CApiMisuse : public testing::Test {
  protected:

@@ -18,6 +18,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
 #include "accessvdb/tool_spec.h"
+#include "package/beside_cpp.h"
 #include "sample_scans/walk_generator.h"
 #include "support/scratch_folder.h"
 
@@ -31,6 +32,9 @@ using accessvdb::SurfacePoint;
 using accessvdb::ToolGeometry;
 using accessvdb::samples::WalkFrame;
 using accessvdb::samples::WalkGenerator;
+using accessvdb::test::defaults;
+using accessvdb::test::expectSame;
+using accessvdb::test::rowMajor;
 
 struct CField {
   CField(const char* tool_name, const accessvdb_params* params) {
@@ -57,49 +61,6 @@ struct CField {
   }
   accessvdb_field* handle = nullptr;
 };
-
-accessvdb_params defaults() {
-  accessvdb_params params = {};
-  params.struct_size = sizeof params;
-  EXPECT_EQ(accessvdb_params_defaults(&params), ACCESSVDB_OK);
-  return params;
-}
-
-std::array<double, 16> rowMajor(const Eigen::Isometry3d& pose) {
-  std::array<double, 16> out;
-  for (int row = 0; row < 4; ++row) {
-    for (int column = 0; column < 4; ++column) out[std::size_t(4 * row + column)] = pose.matrix()(row, column);
-  }
-  return out;
-}
-
-void expectSame(const accessvdb_point& c, const SurfacePoint& p) {
-  ASSERT_EQ(c.id, p.id);
-  for (int axis = 0; axis < 3; ++axis) {
-    ASSERT_EQ(c.position_W[axis], p.position_W[axis]) << "point " << p.id;
-    ASSERT_EQ(c.normal_W[axis], p.normal_W[axis]) << "point " << p.id;
-    ASSERT_EQ(c.direction_W[axis], p.direction_W[axis]) << "point " << p.id;
-  }
-  ASSERT_EQ(c.yaw_rad, p.yaw_rad) << "point " << p.id;
-  const Eigen::Quaternionf& q = p.orientation_WT;
-  ASSERT_EQ(Eigen::Vector4f(c.orientation_WT), Eigen::Vector4f(q.w(), q.x(), q.y(), q.z())) << "point " << p.id;
-  ASSERT_EQ(c.weight, p.weight) << "point " << p.id;
-  ASSERT_EQ(c.confidence, p.confidence) << "point " << p.id;
-  ASSERT_EQ(c.stability, p.stability) << "point " << p.id;
-  ASSERT_EQ(c.direction, p.direction) << "point " << p.id;
-  ASSERT_EQ(c.roll, p.roll) << "point " << p.id;
-  ASSERT_EQ(c.score, p.score) << "point " << p.id;
-  ASSERT_EQ(c.label, static_cast<std::uint8_t>(p.label)) << "point " << p.id;
-  ASSERT_EQ(c.reason, static_cast<std::uint8_t>(p.reason)) << "point " << p.id;
-  ASSERT_EQ(c.confident, std::uint8_t{p.confident}) << "point " << p.id;
-}
-
-void expectSame(const std::vector<accessvdb_point>& c, const FieldSnapshot& cpp) {
-  ASSERT_EQ(c.size(), cpp.points.size());
-  ASSERT_GT(cpp.count(accessvdb::PointLabel::Accessible), 50u);  // otherwise the comparison means little
-  ASSERT_GT(cpp.count(accessvdb::PointLabel::Blocked), 50u);
-  for (std::size_t n = 0; n < c.size(); ++n) ASSERT_NO_FATAL_FAILURE(expectSame(c[n], cpp.points[n]));
-}
 
 TEST(CApiParity, OrientationsAreThoseOfTheText) {
   const WalkGenerator walk({.frames = 2, .rays_per_frame = 6000, .range_noise_m = 0.01, .seed = 13});
