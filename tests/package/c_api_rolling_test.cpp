@@ -438,9 +438,9 @@ TEST_F(CApiRolling, WhatCannotBeMade) {
   std::ofstream(others + "/thesis.txt") << "not ours";
   refused([&](auto& o) { o.folder = others.c_str(); }, ACCESSVDB_ERROR_OUTPUT, "output.foreign");
   EXPECT_TRUE(std::filesystem::exists(others + "/thesis.txt"));
-  params_.change = ACCESSVDB_CHANGE_FULL;
+  params_.budget_points = 100;
   expectNotMade(ACCESSVDB_ERROR_USAGE, "rolling.params");
-  params_.change = ACCESSVDB_CHANGE_OFF;
+  params_.budget_points = 0;
   params_.carry = "class";
   expectNotMade(ACCESSVDB_ERROR_USAGE, "rolling.params");
 
