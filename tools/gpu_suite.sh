@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Everything that can only be checked on a machine with an NVIDIA GPU, with a record of it:
 #   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,faults,realdata,sanitizers,ceilings,scoring,stream,bench,cpu] [--points N]
-#                [--frames N] [--rows PATTERN,...] [--minutes N] [--row-seconds N] [--bench-points N]
+#                [--frames N] [--rows PATTERN,...] [--minutes N] [--row-seconds N] [--sanitizer-seconds N] [--bench-points N]
 #                [--bench-options "..."] [--data FOLDER]
 #   gpu_suite.sh --join OUT PART...      joins the folders of parts that ran on one machine
 # PROGRAMS: the folder of an unpacked portable archive (accessvdb-portable), or a build's bin folder. Writes
@@ -14,7 +14,8 @@
 # figures are not measured again. With --minutes N no row begins that might end later; code 3 says that rows are left:
 #   while gpu_suite.sh PROGRAMS OUT --only bench,cpu --minutes 8; (($? == 3)); do :; done
 # --rows takes names or patterns such as 'orbit_*'. A row that takes longer than its limit (--row-seconds for all rows)
-# is stopped, keeps the figures of its finished frames and counts as failed. `cpu` needs no GPU.
+# is stopped, keeps the figures of its finished frames and counts as failed; so is a sanitizer's tool after
+# --sanitizer-seconds (300), and the record names the test that it was in. `cpu` needs no GPU.
 set -uo pipefail
 programs=${1:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 out=${2:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
@@ -26,7 +27,7 @@ if [[ $programs == --join ]]; then
   set --
 fi
 commit=unknown only=tests,faults,realdata,sanitizers,ceilings,scoring,stream,bench,cpu points=1000000 frames=300
-wanted_rows= minutes= row_seconds= bench_points=3200000 bench_options= data=${ACCESSVDB_TEST_DATA:-}
+wanted_rows= minutes= row_seconds= sanitizer_seconds=300 bench_points=3200000 bench_options= data=${ACCESSVDB_TEST_DATA:-}
 while (($# > 1)); do
   case $1 in
     --commit) commit=$2 ;;
@@ -36,6 +37,7 @@ while (($# > 1)); do
     --rows) wanted_rows=$2 ;;
     --minutes) minutes=$2 ;;
     --row-seconds) row_seconds=$2 ;;
+    --sanitizer-seconds) sanitizer_seconds=$2 ;;
     --bench-points) bench_points=$2 ;;
     --bench-options) bench_options=$2 ;;
     --data) data=$2 ;;
@@ -192,14 +194,18 @@ if wanted sanitizers; then
     expected=$(tr -cd : <<<":$checked" | wc -c)
     for tool in memcheck racecheck initcheck synccheck; do
       start=$(date +%s.%N)
-      "$sanitizer" --tool "$tool" --error-exitcode 9 "$bin/gpu_parity_test" \
+      # One that does not end would cost the other steps, too.
+      timeout -k 5 "$sanitizer_seconds" "$sanitizer" --tool "$tool" --error-exitcode 9 "$bin/gpu_parity_test" \
         --gtest_filter="$checked" >"$out/$tool.log" 2>&1
       code=$?
+      stopped=
+      ((code != 124 && code != 137)) ||
+        stopped=", \"stopped_in\": \"$(sed -n 's/^\[ RUN      \] //p' "$out/$tool.log" | tail -1)\""
       errors=$(sed -n 's/.*ERROR SUMMARY: \([0-9]*\).*/\1/p; s/.*RACECHECK SUMMARY: \([0-9]*\) hazards.*/\1/p' "$out/$tool.log" | tail -1)
       # A filter that matches nothing would pass too: every test of the filter must have run.
       ran=$(grep -c '^\[       OK \]' "$out/$tool.log" || true)
       if ((code == 0 && ran == expected)) && [[ $errors == 0 ]]; then outcome=passed; else outcome=failed; fi
-      record_step "$tool" "$outcome" "\"errors\": ${errors:-null}, $(gtest_counts "$out/$tool.log"), \"seconds\": $(seconds_since "$start")"
+      record_step "$tool" "$outcome" "\"errors\": ${errors:-null}, $(gtest_counts "$out/$tool.log"), \"seconds\": $(seconds_since "$start")$stopped"
       [[ $outcome == passed ]] || grep -v '^\[' "$out/$tool.log" | head -30
     done
   fi

@@ -37,6 +37,19 @@ done
 printf '  },\n  "timing_all_frames_ms": {\n    "frame": {\n      "mean": 7\n    }\n  }\n}\n' >>"$out"
 [[ $all != *"$FAILING"* ]] || exit 4
 END
+# racecheck hangs in its second test.
+cat >"$folder/bin/compute-sanitizer" <<'END'
+#!/usr/bin/env bash
+for last in "$@"; do :; done
+n=0
+IFS=: read -ra tests <<<"${last#--gtest_filter=}"
+for test in "${tests[@]}"; do
+  echo "[ RUN      ] $test"
+  ((++n < 2)) || [[ $* != *racecheck* ]] || sleep 60
+  echo "[       OK ] $test (1 ms)"
+done
+echo "========= ERROR SUMMARY: 0 errors"
+END
 chmod +x "$folder"/bin/*
 export CALLS=$folder/calls FAILING=nothing
 bad=0
@@ -50,6 +63,13 @@ suite_code() {
 }
 calls() { wc -l <"$CALLS"; }
 of_record() { python3 -c "import json, sys; r = json.load(open('$1/record.json')); print($2)"; }
+
+began=$(date +%s)
+expect "a tool that hangs" "$(suite_code "$folder/bin" "$folder/hangs" --only sanitizers --sanitizer-seconds 1)" 1
+expect "how long it takes" "$(($(date +%s) - began < 30))" 1
+outcomes="[(s['step'], s['outcome'], s.get('stopped_in')) for s in r['steps'] if s['step'] in ('memcheck', 'racecheck')]"
+expect "what is said of it" "$(of_record "$folder/hangs" "$outcomes")" \
+  "[('memcheck', 'passed', None), ('racecheck', 'failed', 'CudaScoring.NothingToScoreIsNothing')]"
 
 : >"$CALLS"
 one=$folder/one
