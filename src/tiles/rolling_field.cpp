@@ -81,6 +81,18 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
   }
 }
 
+/// What is advised elsewhere is for the folder of the result.
+void prepareFolder(const fs::path& folder) {
+  try {
+    io::prepareOutputFolder(folder);
+  } catch (const OutputError& error) {
+    throw OutputError(
+        error.id(), error.subject(), error.problem(),
+        std::string(error.id() == "output.locked" ? "Wait for its end" : "Check its permissions and the disk") +
+            ", or choose another folder for the tiles");
+  }
+}
+
 void add(const FrameStats& of_tile, FrameStats& stats) {
   stats.touched_leaves += of_tile.touched_leaves;
   stats.new_leaves += of_tile.new_leaves;
@@ -111,7 +123,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
               tile_voxels, options.notes_changes) {
     requireRolling(params, options, margins);
     if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
-    io::prepareOutputFolder(options.folder);
+    prepareFolder(options.folder);
     in_use = tiles::FolderInUse(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
     if (std::isfinite(params.change.free_for_s)) generations.emplace(params.change.free_for_s);
