@@ -89,7 +89,7 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
   EXPECT_EQ(differences(expected, rolling.snapshot()), 0U);
   expectVaried(expected);
   if (test.change == ChangeMode::Full) {
-    EXPECT_GT(std::ranges::count(expected.points, PointReason::Changed, &SurfacePoint::reason), 50);
+    EXPECT_GT(std::ranges::count(expected.points, PointReason::Changed, &SurfacePoint::reason), 20);
   }
   const RollingStatus status = rolling.status();
   expectSameMap(unlimited, rolling, scratch);
