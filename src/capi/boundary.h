@@ -86,6 +86,22 @@ void writeSized(Struct* out, std::size_t size, Struct value) {
   writeRow(out, size, value);
 }
 
+/// A struct of the caller's that a call fills in, or null. @tparam kBytes1  size of its first version
+template <typename Struct, std::size_t kBytes1>
+class OptionalOut {
+ public:
+  /// Checks it before anything happens. @throws InvalidArgument "c_api.struct_size"
+  OptionalOut(const char* name, Struct* out) : out_(out), size_(out == nullptr ? 0 : checkedSize(name, out, kBytes1)) {}
+  void write(const Struct& value) const {
+    if (out_ != nullptr) writeSized(out_, size_, value);
+  }
+
+ private:
+  static_assert(sizeof(Struct) >= kBytes1);
+  Struct* out_;
+  std::size_t size_;
+};
+
 template <typename Body>
 int guardedWithout(accessvdb_error* given, const Body& body) noexcept {
   accessvdb_error error = {};

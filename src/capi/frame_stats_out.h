@@ -4,7 +4,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cstddef>
 
 #include "accessvdb/c_api.h"
 #include "accessvdb/types.h"
@@ -15,11 +14,9 @@ namespace accessvdb::capi {
 class FrameStatsOut {
  public:
   /// Checks the caller's struct before anything happens. @param stats  may be null
-  explicit FrameStatsOut(accessvdb_frame_stats* stats)
-      : out_(stats), size_(stats == nullptr ? 0 : checkedSize("stats", stats, kBytes1)) {}
+  explicit FrameStatsOut(accessvdb_frame_stats* stats) : out_("stats", stats) {}
 
   void write(const FrameStats& stats) const {
-    if (out_ == nullptr) return;
     accessvdb_frame_stats c = {};
     c.points_in = stats.points_in;
     c.points_used = stats.points_used;
@@ -30,15 +27,11 @@ class FrameStatsOut {
     c.cleared_updates = stats.cleared_updates;
     c.integrate_ms = stats.integrate_ms;
     c.mirror_ms = stats.mirror_ms;
-    writeSized(out_, size_, c);
+    out_.write(c);
   }
 
  private:
-  static constexpr std::size_t kBytes1 = 112;  ///< size of the first version
-  static_assert(sizeof(accessvdb_frame_stats) >= kBytes1);
-
-  accessvdb_frame_stats* out_;
-  std::size_t size_;
+  OptionalOut<accessvdb_frame_stats, 112> out_;
 };
 
 }  // namespace accessvdb::capi

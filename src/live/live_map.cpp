@@ -41,8 +41,7 @@ LiveMap::Map LiveMap::make(std::vector<ToolSpec> tools, const FieldParams& param
                         : RollingField(std::move(tools), params, std::move(rolling), progress);
 }
 
-LiveMap::OneField& LiveMap::one() {
-  if (OneField* const one = std::get_if<OneField>(&map_)) return *one;
+void LiveMap::refuseTiles() {
   throw InvalidArgument("live.rolling", "rolling", "makes a map of tiles, for which this is not possible",
                         "Use a session without rolling, or its rolling field");
 }
@@ -95,37 +94,14 @@ void LiveMap::tell(LiveStatus& status) {
   status.memory_full = !field.grows();
 }
 
-const FieldParams& LiveMap::params() const {
-  return std::visit(
-      [](const auto& map) -> const FieldParams& {
-        if constexpr (requires { map.field; })
-          return map.field.params();
-        else
-          return map.params();
-      },
-      map_);
-}
+const FieldParams& LiveMap::params() const { return rolling() != nullptr ? rolling()->params() : one().field.params(); }
 
 const std::vector<ToolSpec>& LiveMap::tools() const {
-  return std::visit(
-      [](const auto& map) -> const std::vector<ToolSpec>& {
-        if constexpr (requires { map.field; })
-          return map.field.tools();
-        else
-          return map.tools();
-      },
-      map_);
+  return rolling() != nullptr ? rolling()->tools() : one().field.tools();
 }
 
 Eigen::Vector3d LiveMap::origin_W() const {
-  return std::visit(
-      [](const auto& map) -> Eigen::Vector3d {
-        if constexpr (requires { map.field; })
-          return map.field.origin_W();
-        else
-          return map.origin_W();
-      },
-      map_);
+  return rolling() != nullptr ? rolling()->origin_W() : one().field.origin_W();
 }
 
 }  // namespace accessvdb::internal

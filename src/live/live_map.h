@@ -40,6 +40,7 @@ class LiveMap {
   /// @throws InvalidArgument "live.rolling" of a rolling map
   [[nodiscard]] AccessibilityField& field();
   [[nodiscard]] RollingField* rolling() { return std::get_if<RollingField>(&map_); }
+  [[nodiscard]] const RollingField* rolling() const { return std::get_if<RollingField>(&map_); }
 
  private:
   struct OneField {
@@ -49,7 +50,14 @@ class LiveMap {
   using Map = std::variant<OneField, RollingField>;
   static Map make(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
                   const TableProgress& progress);
-  [[nodiscard]] OneField& one();
+  template <typename AnyMap>
+  [[nodiscard]] static auto& oneOf(AnyMap& map) {
+    if (auto* const one = std::get_if<OneField>(&map)) return *one;
+    refuseTiles();
+  }
+  [[noreturn]] static void refuseTiles();
+  [[nodiscard]] const OneField& one() const { return oneOf(map_); }
+  [[nodiscard]] OneField& one() { return oneOf(map_); }
 
   FieldParams given_params_;
   std::uint64_t limit_bytes_;

@@ -388,9 +388,8 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   }
   /// @throws OutputError if shrink() failed since the last call
   void requireShrunk() {
-    unsaved = not_saved != nullptr;
-    if (const std::exception_ptr failed = std::exchange(not_saved, nullptr)) std::rethrow_exception(failed);
     unsaved = true;
+    if (const std::exception_ptr failed = std::exchange(not_saved, nullptr)) std::rethrow_exception(failed);
     tiles.shrink(nearest);
     unsaved = false;
   }

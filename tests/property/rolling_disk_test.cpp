@@ -142,10 +142,7 @@ TEST(RollingResume, BeginsAgainWhereThereWasNoCheckpoint) {
   const Case test = {.name = "early", .seed = 27};
   const std::vector<Step> steps = walk(test, 24);
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "tiles";
-  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, 0.5, scratch / "tiles");
   {
     RollingField killed(toolsOf(test), paramsOf(test), options);
     for (std::size_t n = 0; n < 14; ++n) integrate(killed, steps[n], 0.1 * static_cast<double>(n));
@@ -179,10 +176,7 @@ TEST(RollingUpdate, OfAllTilesAtOnceKeepsTheLimit) {
   const Case test = {.name = "at_once", .seed = 28, .change = ChangeMode::Block};
   const std::vector<Step> steps = walk(test);
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "tiles";
-  options.memory_limit_bytes = bytesOfAll(test, steps) * 7 / 10;
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, 0.7, scratch / "tiles");
   AccessibilityField unlimited(toolsOf(test), paramsOf(test));
   RollingField rolling(toolsOf(test), paramsOf(test), options);
   for (std::size_t n = 0; n < steps.size(); ++n) {
@@ -236,10 +230,7 @@ TEST(RollingDisk, ThatIsFullIsSaidByTheStepThatNeedsIt) {
     const Case test = {.name = "full", .seed = 26};
     const std::vector<Step> steps = walk(test, 40);
     const ScratchFolder scratch;
-    RollingOptions options;
-    options.folder = scratch / "states";
-    options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
-    options.tile_voxels = kTile_voxels;
+    const RollingOptions options = tightOptions(test, steps, 0.5, scratch / "states");
     AccessibilityField unlimited(toolsOf(test), paramsOf(test));
     RollingField rolling(toolsOf(test), paramsOf(test), options);
     std::size_t refused = 0;

@@ -63,11 +63,7 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
   const Case& test = GetParam();
   const std::vector<Step> steps = walk(test);
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "tiles";
-  options.memory_limit_bytes =
-      static_cast<std::uint64_t>(test.memory_share * static_cast<double>(bytesOfAll(test, steps)));
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, test.memory_share, scratch / "tiles");
   AccessibilityField unlimited(toolsOf(test), paramsOf(test));
   RollingField rolling(toolsOf(test), paramsOf(test), options);
   std::size_t most_in_memory = 0;
@@ -194,10 +190,7 @@ TEST(RollingFolder, MergesIntoOnePiece) {
   const Case test = {.name = "merge", .seed = 7, .change = ChangeMode::Block, .update_every = 0};
   const std::vector<Step> steps = walk(test);
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "states";
-  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, 0.5, scratch / "states");
   AccessibilityField whole(toolsOf(test), paramsOf(test));
   RollingField rolling(toolsOf(test), paramsOf(test), options);
   for (std::size_t n = 0; n < steps.size(); ++n) {
@@ -241,10 +234,7 @@ TEST(RollingLimit, IsContainedWhereMemoryIsShort) {
     const Case test = {.name = "short", .seed = 8, .change = mode};
     const std::vector<Step> steps = walk(test);
     const ScratchFolder scratch;
-    RollingOptions options;
-    options.folder = scratch / "states";
-    options.memory_limit_bytes = static_cast<std::uint64_t>(share * static_cast<double>(bytesOfAll(test, steps)));
-    options.tile_voxels = kTile_voxels;
+    const RollingOptions options = tightOptions(test, steps, share, scratch / "states");
     AccessibilityField unlimited(toolsOf(test), paramsOf(test));
     RollingField rolling(toolsOf(test), paramsOf(test), options);
     std::size_t times_short = 0, accessible = 0;
@@ -279,10 +269,7 @@ TEST(RollingLimit, LeavesNothingOutThatFits) {
   steps.resize(1);
   for (int n = 0; n < 12; ++n) steps.push_back(steps.front());
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "states";
-  options.memory_limit_bytes = bytesOfAll(test, steps) * 6 / 5;
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, 1.2, scratch / "states");
   RollingField rolling(toolsOf(test), paramsOf(test), options);
   for (const Step& step : steps) {
     integrate(rolling, step, 0);
@@ -345,10 +332,7 @@ TEST(RollingLoss, IsOneTileThatIsNamed) {
   const Case test = {.name = "loss", .seed = 9};
   const std::vector<Step> steps = walk(test, 20);
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "states";
-  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, 0.5, scratch / "states");
   AccessibilityField unlimited(toolsOf(test), paramsOf(test));
   RollingField rolling(toolsOf(test), paramsOf(test), options);
   std::string damaged;  // far from where the sensor is then, so that the tile is neither in memory nor read ahead
@@ -395,11 +379,7 @@ TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
     const std::vector<Step> steps = walk(test);
     std::mt19937_64 random(seed);
     const ScratchFolder scratch;
-    RollingOptions options;
-    options.folder = scratch / "states";
-    options.memory_limit_bytes =
-        static_cast<std::uint64_t>(test.memory_share * static_cast<double>(bytesOfAll(test, steps)));
-    options.tile_voxels = kTile_voxels;
+    const RollingOptions options = tightOptions(test, steps, test.memory_share, scratch / "states");
     AccessibilityField unlimited(toolsOf(test), paramsOf(test));
     auto rolling = std::make_unique<RollingField>(toolsOf(test), paramsOf(test), options);
     std::size_t saved_at = 0, resumed = 0;
@@ -510,10 +490,7 @@ TEST_P(RollingDiskLimit, RefusesAStepAndNothingElse) {
   const Case test = {.name = "disk", .seed = 14};
   const std::vector<Step> steps = walk(test, 20);
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "states";
-  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, 0.5, scratch / "states");
   AccessibilityField unlimited(toolsOf(test), paramsOf(test));
   RollingField rolling(toolsOf(test), paramsOf(test), options);
   std::size_t refused = 0;

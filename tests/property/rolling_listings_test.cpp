@@ -53,10 +53,7 @@ TEST(RollingListings, AreNoneWhileAFieldRuns) {
   const Case test = {.name = "listings", .seed = 27};
   const std::vector<Step> steps = walk(test, 24);
   const ScratchFolder scratch;
-  RollingOptions options;
-  options.folder = scratch / "states";
-  options.memory_limit_bytes = bytesOfAll(test, steps) / 2;
-  options.tile_voxels = kTile_voxels;
+  const RollingOptions options = tightOptions(test, steps, 0.5, scratch / "states");
   RollingField rolling(toolsOf(test), paramsOf(test), options);
   const auto before = timesListed(options.folder);
   EXPECT_GT(before, 0) << "the count does not see it";

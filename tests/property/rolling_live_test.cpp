@@ -143,10 +143,7 @@ TEST(RollingLosses, AreThoseOfOneFieldWhereverTilesAre) {
     const Case test = {.name = "balls", .seed = 32, .change = ChangeMode::Block};
     const std::vector<Step> steps = walk(test);
     const ScratchFolder scratch;
-    RollingOptions options;
-    options.folder = scratch / "tiles";
-    options.memory_limit_bytes = bytesOfAll(test, steps) * 7 / 10;
-    options.tile_voxels = kTile_voxels;
+    const RollingOptions options = tightOptions(test, steps, 0.7, scratch / "tiles");
     AccessibilityField unlimited(toolsOf(test), paramsOf(test));
     auto rolling = std::make_unique<RollingField>(toolsOf(test), paramsOf(test), options);
     for (std::size_t n = 0; n < steps.size(); ++n) {

@@ -14,6 +14,7 @@
 #include <ostream>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
@@ -210,6 +211,16 @@ inline std::uint64_t bytesOfAll(const Case& test, const std::vector<Step>& steps
   all.update();
   EXPECT_EQ(all.status().saved, 0U);
   return all.status().memory_bytes + all.status().device_bytes;
+}
+
+/// Small tiles in a folder, with this share of what all of them take.
+inline RollingOptions tightOptions(const Case& test, const std::vector<Step>& steps, double memory_share,
+                                   std::filesystem::path folder) {
+  RollingOptions options;
+  options.folder = std::move(folder);
+  options.memory_limit_bytes = static_cast<std::uint64_t>(memory_share * static_cast<double>(bytesOfAll(test, steps)));
+  options.tile_voxels = kTile_voxels;
+  return options;
 }
 
 /// Of a file X_Y.SERIAL.state.

@@ -133,7 +133,6 @@ bool RollingLive::goesOnAfter(const Error& error) {
 
 void RollingLive::finish(RollingField& field) {
   tryCheckpoint(field);
-  if (field.status().points == 0) return;
   messages_.notice("scoring, and writing the tiles");
   RollingSource source;
   std::tie(source.parameters, source.flight) = plannedLive(settings_, field.params());

@@ -35,7 +35,7 @@ class RollingLive {
   void checkpoint(RollingField& field);
   /// Whether the run may go on after this failure of a step.
   [[nodiscard]] bool goesOnAfter(const Error& error);
-  /// The last checkpoint, and the files. Nothing is written where nothing was seen.
+  /// The last checkpoint, and the files. @pre it has points
   void finish(RollingField& field);
 
  private:

@@ -103,24 +103,23 @@ class RollingRun {
   }
   /// What --max-memory leaves for tiles: the rest is the process without any, and a step of scans.
   [[nodiscard]] std::uint64_t tileLimit() const {
-    const std::optional<std::uint64_t> limit = memoryLimit(options_);
-    if (!limit) return 0;
+    if (!limit_bytes_) return 0;
     constexpr std::uint64_t kForSteps = std::uint64_t{64} << 20;
     const std::uint64_t used = residentMemoryBytes() + kForSteps;
     constexpr std::uint64_t kLeastForTiles = std::uint64_t{16} << 20;
-    if (*limit < used + kLeastForTiles) {
+    if (*limit_bytes_ < used + kLeastForTiles) {
       throw ResourceLimit("limit.memory", "--max-memory",
-                          bytesInWords(static_cast<double>(*limit)) +
+                          bytesInWords(static_cast<double>(*limit_bytes_)) +
                               " leave nothing for tiles: without any the program takes " +
                               bytesInWords(static_cast<double>(used)),
                           "Use --max-memory " + std::to_string(((used + 2 * kLeastForTiles) >> 20) + 1) + "M or more");
     }
-    return *limit - used;
+    return *limit_bytes_ - used;
   }
   /// The process takes more than tiles count, such as what each keeps for its next scan.
   void keepWithinLimit(RollingField& field) {
-    const std::optional<std::uint64_t> limit = memoryLimit(options_);
-    if (!limit || residentMemoryBytes() <= *limit / 32 * 31 || report_.scans < tightened_at_ + kStepsToLeave) return;
+    if (!limit_bytes_ || report_.scans < tightened_at_ + kStepsToLeave) return;
+    if (residentMemoryBytes() <= *limit_bytes_ / 32 * 31) return;
     tightened_at_ = report_.scans;
     share_ =
         std::min(share_, static_cast<double>(field.status().memory_bytes) / static_cast<double>(tile_limit_bytes_));
@@ -265,6 +264,8 @@ class RollingRun {
   /// Scans after which memory that tiles have left is the system's again.
   static constexpr std::uint64_t kStepsToLeave = 8;
   static constexpr double kBelow = 0.95;
+  /// Of the process, as the run began: what the machine can give falls as the map grows.
+  const std::optional<std::uint64_t> limit_bytes_ = memoryLimit(options_);
   std::uint64_t tile_limit_bytes_ = 0, tightened_at_ = 0;
   double share_ = 1;  ///< RollingField::tighten()
 };
