@@ -183,6 +183,20 @@ TEST_F(KeptFiles, OneFileOfAllTilesReplacesNone) {
   succeed({"tile", "merge", path("out"), "--points", path("out/points.ply")});
 }
 
+TEST_F(KeptFiles, FailedRunsKeepTheReportOfAnEarlierResult) {
+  succeed(map());
+  const std::string before = readText("out/report.json");
+  expectRefused(map({"--voxel", "-1"}), 2, "usage.voxel");
+  expectRefused(map({"--scans", path("none.pcd")}), 3, "input.missing");
+  expectRefused(map({"--tool", path("none.stl")}), 3, "input.unreadable");
+  EXPECT_EQ(readText("out/report.json"), before);
+  // Nothing is left that it describes.
+  for (const char* name : {"points.ply", "field.vdb", "field_points.vdb", "preview.png"})
+    fs::remove(path(std::string("out/") + name));
+  EXPECT_EQ(runProgram(map({"--scans", path("none.pcd")})).exit_code, 3);
+  EXPECT_NE(readText("out/report.json").find("input.missing"), std::string::npos);
+}
+
 TEST_F(KeptFiles, ResultsOfOthersAreNotReplaced) {
   for (const char* name : {"points.ply", "field.vdb", "field_points.vdb", "report.json", "preview.png"}) {
     writeText(std::string("out/") + name, "mine");

@@ -302,6 +302,7 @@ void writeFailure(const std::string& out, bool keep, RunReport report, const Fai
   const std::filesystem::path path = std::filesystem::path(out) / "report.json";
   try {
     if (std::filesystem::exists(path) && (keep || !isOwn(path))) return;
+    if (!report.replaces_files && !withEarlier({}, out).empty()) return;
     io::prepareOutputFolder(out);
     writeReport(path, report, messages);
   } catch (const std::exception&) {

@@ -100,6 +100,7 @@ struct RunReport {
   std::vector<std::pair<std::string, std::string>> parameters;  ///< flags as given, then every effective parameter
   std::vector<io::InputFile> inputs;
   OutputEntries outputs;            ///< written by this run into the folder of the report
+  bool replaces_files = false;      ///< files of an earlier result may have been replaced
   std::vector<ReportedTool> tools;  ///< if there are several
 
   std::optional<std::uint64_t> resumed_after_scans;  ///< of --resume; times are those of the scans after them
@@ -137,7 +138,8 @@ Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, cons
 void writeReport(const std::filesystem::path& path, const RunReport& report, const Messages& messages);
 
 /// Writes the report of a run that failed into its output folder, or nothing where that cannot be done: the original
-/// failure is what the user needs to see, and an unwritable folder often is that failure.
+/// failure is what the user needs to see, and an unwritable folder often is that failure. The report of an earlier
+/// result stays where it is until the run replaces files of it.
 /// @param keep  leave a report that is there already
 void writeFailure(const std::string& out, bool keep, RunReport report, const Failure& failure,
                   const Messages& messages);

@@ -74,6 +74,7 @@ std::vector<tiles::Tile> runWithProgress(const TileWork& work, const std::vector
 void writeResult(const TiledResult& result, RunReport& report, Messages& messages) {
   const fs::path& out = result.job.out;
   const tiles::Plan& plan = result.job.plan;
+  report.replaces_files = true;
   tiles::writeIndex(out, plan, result.status);
   addOutputs(report.outputs, out, {"field.json"});
   const io::FieldParts picture = tiles::partsOf(tiles::readIndex(out), kPicturePoints);

@@ -369,6 +369,7 @@ void LiveRun::writeFiles(const LiveSession& session) {
   const auto points = field.points();
   report_.outputs = {};  // of an earlier save
   surface_W_ = countPoints(report_, field.memoryUse(), *points);
+  report_.replaces_files = true;
   writeField(field, out, writeOptions(map.exported));
   addOutputs(report_.outputs, out, fieldFilesOf(map.exported));
   io::renderField(out / "preview.png", *points, renderOptions(map.picture));

@@ -140,6 +140,7 @@ bool MapRun::removeRegions(AccessibilityField& field) {
 }
 
 void MapRun::writeFrame(const AccessibilityField& field) {
+  report_.replaces_files = true;
   writeFieldFrame(field, fs::path(options_.out) / frameName(frames_ + 1), writeOptions(options_.exported));
   ++frames_;
   addOutputs(report_.outputs, options_.out, {frameName(frames_)});
@@ -249,6 +250,7 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   files.frame = scans.frame();
   std::uint64_t full_bytes = 0;
   if (files.half_float) files.full_bytes = &full_bytes;
+  report_.replaces_files = true;
   writeField(field, out, files);
   if (files.half_float) messages_.notice(savingOfHalf(fs::file_size(out / "field.vdb"), full_bytes));
   written_ = true;
@@ -289,6 +291,7 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
     static_cast<void>(countPoints(report_, field.memoryUse(), *points));
     io::WriteOptions files = writeOptions(options_.exported);
     files.frame = scans.frame();
+    report_.replaces_files = true;
     writeFieldUnscored(field, out, files);
     addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
     io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
