@@ -23,7 +23,7 @@ constexpr int kTogether = 4;
 
 /// Where more voxels than this flipped in the leaves around a block for each point that a warp's lanes take together,
 /// as on new ground, bounds are only lowered: testing those points again costs less than following.
-constexpr std::uint32_t kMostPerPoint = 150;
+constexpr std::uint32_t kMostPerPoint = 40;
 
 /// A flipped voxel near a block, seen from where ArcsView begins for a point in the block's first voxel, in one word.
 struct VoxelNear {
@@ -62,8 +62,8 @@ class BlockFollower {
 
   /// All lanes.
   __device__ void followAll() {
-    listKnown();
-    if (points_ == 0) return;  // the others are stirred already
+    const std::uint32_t points = countKnown();
+    if (points == 0) return;
     const ArcsView& arcs = context_.arcs;
     std::int32_t low[3], high[3];  // [leaves]
     for (int axis = 0; axis < 3; ++axis) {
@@ -75,8 +75,8 @@ class BlockFollower {
       voxels += __reduce_add_sync(kAllLanes, tile.end - tile.begin);
     });
     if (voxels == 0) return;
-    const auto points = static_cast<std::uint32_t>(points_);
     if (std::uint64_t{voxels} * ((points + kWarp - 1) / kWarp) > kMostPerPoint * points) return lowerAll();
+    listKnown();
     forEachTile(low, high, [&](const Tile& tile, bool last) { takeTiles(tile, last); });
   }
 
@@ -176,11 +176,27 @@ class BlockFollower {
           VoxelNear::code((ArcsView::kMargin - 1) * (context_.arcs.size[1] + 1), ArcsView::kMargin, true);
     }
     __syncwarp();
-    forEachKnown([&](std::uint32_t id) { followPoint(id); });
+    const std::uint32_t first = context_.points.index.first[block_];
+    for (int from = 0; from < points_; from += static_cast<int>(kWarp)) {
+      const int n = from + lane_;
+      followPoint(n < points_ ? context_.points.index.ids[first + near_.points[n]] : kNoIndex);
+    }
     voxels_ = 0;
     __syncwarp();
   }
 
+  /// Stirs the others. All lanes. @return the number of points of which anything is known
+  __device__ std::uint32_t countKnown() const {
+    std::uint32_t known = 0;
+    forEachInBlock([&](std::uint32_t /*n*/, std::uint32_t id) {
+      if (isSet(context_.known.counted_bits, id)) {
+        ++known;
+      } else {
+        stir(id);
+      }
+    });
+    return __reduce_add_sync(kAllLanes, known);
+  }
   /// Lists the points of which anything is known, those above each other together: their arcs lie side by side, so that
   /// lanes that read them share cache lines. All lanes.
   __device__ void listKnown() {
@@ -188,7 +204,7 @@ class BlockFollower {
     std::uint32_t* const begin = all_steps;  // [column]; not in use yet
     for (int n = lane_; n < kColumns; n += static_cast<int>(kWarp)) begin[n] = 0;
     __syncwarp();
-    forEachInBlock([&](std::uint32_t /*n*/, std::uint32_t column) { atomicAdd(begin + column, 1u); });
+    forEachColumn([&](std::uint32_t /*n*/, std::uint32_t column) { atomicAdd(begin + column, 1u); });
     __syncwarp();
     static_assert(kColumns == 2 * kWarp);
     const std::uint32_t first = begin[2 * lane_], both = first + begin[2 * lane_ + 1], end = sumUpTo(both, lane_);
@@ -197,34 +213,27 @@ class BlockFollower {
     begin[2 * lane_] = end - both;
     begin[2 * lane_ + 1] = end - both + first;
     __syncwarp();
-    forEachInBlock([&](std::uint32_t n, std::uint32_t column) {
+    forEachColumn([&](std::uint32_t n, std::uint32_t column) {
       near_.points[atomicAdd(begin + column, 1u)] = static_cast<std::uint16_t>(n);
     });
     __syncwarp();
   }
-  /// Calls visit(place in the block's list, column in the block) with the points of which anything is known.
+  /// Calls visit(place in the block's list, id) with each point.
   template <class Visit>
   __device__ void forEachInBlock(const Visit& visit) const {
     const BlockIndexView& index = context_.points.index;
     const std::uint32_t first = index.first[block_], count = index.count[block_];
-    for (std::uint32_t n = static_cast<std::uint32_t>(lane_); n < count; n += kWarp) {
-      const std::uint32_t id = index.ids[first + n];
-      if (!isSet(context_.known.counted_bits, id)) {
-        stir(id);
-        continue;
-      }
+    for (std::uint32_t n = static_cast<std::uint32_t>(lane_); n < count; n += kWarp) visit(n, index.ids[first + n]);
+  }
+  /// Calls visit(place in the block's list, column in the block) with the points of which anything is known.
+  template <class Visit>
+  __device__ void forEachColumn(const Visit& visit) const {
+    forEachInBlock([&](std::uint32_t n, std::uint32_t id) {
+      if (!isSet(context_.known.counted_bits, id)) return;
       const float* p = context_.points.points.position_L + 3 * std::size_t{id};
       const Coord ijk = voxelOf(p[0], p[1], p[2], context_.inverse_voxel_size);
       visit(n, static_cast<std::uint32_t>((ijk[0] & 7) << 3 | (ijk[1] & 7)));
-    }
-  }
-  /// Calls visit(id) with a point of them per lane; kNoIndex: none. All lanes.
-  template <class Visit>
-  __device__ void forEachKnown(const Visit& visit) const {
-    const std::uint32_t first = context_.points.index.first[block_];
-    for (int from = 0; from < points_; from += static_cast<int>(kWarp)) {
-      visit(from + lane_ < points_ ? context_.points.index.ids[first + near_.points[from + lane_]] : kNoIndex);
-    }
+    });
   }
 
   /// Notes that flips may have changed the collisions of a point so that something is due there.
@@ -367,8 +376,8 @@ class BlockFollower {
         any(context_.masks.masks[group].better_tool)
             ? context_.known.lost + group * static_cast<std::size_t>(slots.words * kKnownPerWord)
             : nullptr;
-    forEachKnown([&](std::uint32_t id) {
-      if (id == kNoIndex) return;
+    forEachInBlock([&](std::uint32_t /*n*/, std::uint32_t id) {
+      if (!isSet(context_.known.counted_bits, id)) return;
       stir(id);
       KnownCounts* const row = KnownRow::countsOf(context_.known, id);
       const PointStateView& points = context_.points.points;
