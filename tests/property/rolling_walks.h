@@ -204,21 +204,31 @@ inline std::size_t differences(const FieldSnapshot& a, const FieldSnapshot& b) {
 }
 
 /// What all tiles take.
-inline std::uint64_t bytesOfAll(const Case& test, const std::vector<Step>& steps) {
+inline RollingStatus statusOfAll(const Case& test, const std::vector<Step>& steps) {
   const ScratchFolder scratch;
   RollingField all(toolsOf(test), paramsOf(test), {.folder = scratch / "tiles", .tile_voxels = kTile_voxels});
   for (std::size_t n = 0; n < steps.size(); ++n) integrate(all, steps[n], 0.1 * static_cast<double>(n));
   all.update();
   EXPECT_EQ(all.status().saved, 0U);
-  return all.status().memory_bytes + all.status().device_bytes;
+  return all.status();
 }
 
-/// Small tiles in a folder, with this share of what all of them take.
+/// On the host.
+inline std::uint64_t bytesOfAll(const Case& test, const std::vector<Step>& steps) {
+  return statusOfAll(test, steps).memory_bytes;
+}
+
+/// Small tiles in a folder, with this share of what all of them take on the host, and on the GPU if they are there.
 inline RollingOptions tightOptions(const Case& test, const std::vector<Step>& steps, double memory_share,
                                    std::filesystem::path folder) {
+  const RollingStatus all = statusOfAll(test, steps);
+  const auto share = [&](std::uint64_t bytes) {
+    return static_cast<std::uint64_t>(memory_share * static_cast<double>(bytes));
+  };
   RollingOptions options;
   options.folder = std::move(folder);
-  options.memory_limit_bytes = static_cast<std::uint64_t>(memory_share * static_cast<double>(bytesOfAll(test, steps)));
+  options.memory_limit_bytes = share(all.memory_bytes);
+  options.device_limit_bytes = share(all.device_bytes);
   options.tile_voxels = kTile_voxels;
   return options;
 }
