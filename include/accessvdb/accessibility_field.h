@@ -102,6 +102,11 @@ class ACCESSVDB_API AccessibilityField {
 
   /// Scores what changed since the last update().
   UpdateStats update();
+  /// The budget of the updates from now on, in place of UpdateParams::budget_points: most points that each scores, for
+  /// each tool; 0: no limit, and the next one scores all that wait. The same calls with the same budgets give the same
+  /// bits on one backend. Not in params() and saved states.
+  /// @param points  0 .. 2e9  @throws InvalidArgument "config.range"
+  void setBudgetPoints(int points);
   /// The same update, with the same bits, on a thread of its own: returns at once, or after an earlier one. The next
   /// scan may be fused meanwhile, so that a stream of scans gets through at the rate of the slower of the two:
   ///     UpdateTicket ticket;

@@ -19,7 +19,7 @@
 ///
 /// The same sequence of calls gives the same bits, and the labels after a step that is not late are those of
 /// AccessibilityField::integrateScan() and update() for each scan that was taken, in that order: those of
-/// `accessvdb map --update-every 1`. Clocks only measure; nothing is decided by them.
+/// `accessvdb map --update-every 1`. Clocks only measure; nothing is decided by them, but for LiveOptions::budget_ms.
 ///
 /// What is left out blocks: a return for which there was no memory or no time never makes a point accessible
 /// (AccessibilityField::stopGrowing(), leaveOut()). With LiveOptions::rolling the memory limit leaves nothing out: what
@@ -93,6 +93,11 @@ struct LiveOptions {
   /// returns for which it has no place are left out, counted, and block; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
   std::size_t update_every = 1;  ///< scans that are fused before the next labels
+  /// The longest that a step should take, 1 .. 60000 ms; 0: however long it takes. So many points are scored as fit, by
+  /// how long the steps before took, and others wait, with the labels that they had (docs/live.md, "Scans that come
+  /// faster than labels"). While no scan is ready, each step() scores some of those that wait. Which budgets were
+  /// used is in LiveStep::budget_points: with the same ones, AccessibilityField::setBudgetPoints() gives the same bits.
+  double budget_ms = 0;
   /// A map of any extent in bounded memory (RollingField) in place of one field. Its limits are memory_limit_bytes and
   /// device_limit_bytes of these options; notes_changes is always on.
   std::optional<RollingOptions> rolling = {};
@@ -149,6 +154,10 @@ struct LiveScan {
 struct LiveStep {
   std::uint64_t number = 0;  ///< of the scan: how many were published before it
   std::int64_t stamp_ns = 0;
+  /// No scan came: points that waited since this last one or earlier ones were scored (LiveOptions::budget_ms).
+  bool only_backlog = false;
+  /// Of the update of this step, 0: no limit. Nothing if it had none: late, or between those of update_every.
+  std::optional<int> budget_points = {};
   FrameStats fused;
   UpdateStats scored;
   std::uint64_t excluded_returns = 0;  ///< inside LiveOptions::exclude_box_S
@@ -160,7 +169,7 @@ struct LiveStep {
   double latency_ms = 0;               ///< from addScan() to labels
   /// Points that are new, or whose label, reason or direction changed, or which of several tools reach them; in
   /// ascending order of their ids. None after a step without labels: late, or between those of
-  /// LiveOptions::update_every.
+  /// LiveOptions::update_every. Of several steps with only_backlog the last one has them, or the next scan's.
   std::vector<SurfacePoint> changed;
 };
 
@@ -219,6 +228,15 @@ struct LiveStatus {
   bool paused = false;
   std::uint64_t resets = 0;
 
+  // With LiveOptions::budget_ms:
+  double budget_ms = 0;
+  std::uint64_t budget_points = 0;  ///< most points that the next scan's update scores
+  std::uint64_t backlog = 0;        ///< points that wait: their labels may be out of date
+  double backlog_ms = 0;            ///< since the scan came that the oldest of them waits for
+  std::uint64_t backlog_max = 0;    ///< the most so far
+  double backlog_max_ms = 0;        ///< the longest that a point has waited so far
+  std::uint64_t backlog_steps = 0;  ///< LiveStep::only_backlog
+
   /// From addScan() to labels, over the last 4096 scans taken.
   double latency_p50_ms = 0, latency_p99_ms = 0, latency_max_ms = 0;
 
@@ -233,7 +251,8 @@ struct LiveStatus {
 /// be called from any thread at any time; everything else from one thread at a time.
 class ACCESSVDB_API LiveSession {
  public:
-  /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "usage.update_every"; what the constructors of
+  /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "live.budget" (also of a rolling map, or beside
+  ///         UpdateParams::budget_points), "usage.update_every"; what the constructors of
   ///         AccessibilityField and, of LiveOptions::rolling, RollingField throw, or RollingField::resume()
   LiveSession(const ToolGeometry& tool, const FieldParams& params = {}, const LiveOptions& options = {});
   /// Several tools over one map, as AccessibilityField. @param progress  of the tools' tables
@@ -256,10 +275,10 @@ class ACCESSVDB_API LiveSession {
   /// LiveOptions::update_every left. A later addPose() takes it back.
   void endOfPoses();
 
-  /// Waits until step() has something to do, at most so long. @return whether it has
+  /// Waits until step() has something to do, also points that wait, at most so long. @return whether it has
   bool waitForWork(std::chrono::milliseconds at_most);
-  /// Fuses the oldest scan that has a pose, and scores what it changed.
-  /// @return nothing if no scan is ready
+  /// Fuses the oldest scan that has a pose, and scores what it changed. If there is none, scores points that wait.
+  /// @return nothing if no scan is ready and no point waits
   /// @throws what AccessibilityField::integrateScan() and update() throw, or those of RollingField; that scan then
   ///         counts as failed
   /// @throws UnusableInput "level.no_imu", "level.moving": no scan will have a pose

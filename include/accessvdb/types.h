@@ -61,6 +61,7 @@ struct UpdateStats {
   double score_ms = 0;   ///< testing directions
   std::uint64_t moved_points =
       0;  ///< points whose normal and seen directions were computed again; part of dirty_points
+  std::uint64_t backlog_updates = 0;  ///< updates, this one included, that have left the first point of the backlog
 };
 
 /// One surface point as users see it.

@@ -75,7 +75,7 @@ struct ToolInput {
 struct ScoringInput {
   std::span<const ToolInput> tools;  ///< in the order of ExactTables::tools
   OccupancyView map;
-  std::uint32_t budget_points = 0;  ///< most points evaluated per update and tool, constant; 0: no limit
+  std::uint32_t budget_points = 0;  ///< most points evaluated in this update, per tool; 0: no limit
 };
 
 /// What the map says about the points since the last update; host memory, reusable on return.
@@ -91,8 +91,9 @@ struct UpdateOutcome {
   std::uint64_t scored = 0;     ///< those with at least one direction tested
   std::uint64_t tests = 0;      ///< (point, direction) tests
   std::uint64_t label_changes = 0;
-  std::uint64_t waiting = 0;  ///< points that are due but were not evaluated
-  double score_ms = 0;        ///< time spent evaluating
+  std::uint64_t waiting = 0;          ///< points that are due but were not evaluated
+  std::uint64_t waiting_updates = 0;  ///< QueueAge::updates(), of the tool whose points wait longest
+  double score_ms = 0;                ///< time spent evaluating
 };
 
 /// Admits points, the same way for every policy.

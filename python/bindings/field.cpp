@@ -93,6 +93,7 @@ void bindReports(py::module_& module) {
   py::class_<U>(module, "UpdateStats", "What one update did.")
       .def_readonly("dirty_points", &U::dirty_points)
       .def_readonly("moved_points", &U::moved_points)
+      .def_readonly("backlog_updates", &U::backlog_updates)
       .def_readonly("scored_points", &U::scored_points)
       .def_readonly("direction_tests", &U::direction_tests)
       .def_readonly("backlog", &U::backlog)
@@ -278,6 +279,15 @@ void bindField(py::module_& module) {
       .def(
           "update", [](F& f) { return f.run([](AccessibilityField& field) { return field.update(); }); },
           "Scores what changed since the last update().")
+      .def(
+          "set_budget_points",
+          [](F& f, const py::object& points) {
+            const auto most = static_cast<int>(wholeNumberFrom("points", points, 0, 2'000'000'000));
+            f.run([&](AccessibilityField& field) { field.setBudgetPoints(most); });
+          },
+          py::arg("points"),
+          "Most points that each update scores from now on, for each tool; 0: no limit, and the next one scores all "
+          "that wait.")
       .def(
           "update_async",
           [](F& f) { return WaitingTicket(f.run([](AccessibilityField& field) { return field.updateAsync(); })); },

@@ -54,7 +54,8 @@ std::unique_ptr<Session> makeSession(const py::object& tool, const py::object& p
                                      const py::object& memory_limit_bytes, const py::object& T_B_S,
                                      const py::object& exclude_box_S, const py::object& max_gap_s,
                                      const py::object& deskew, const py::object& update_every, const py::object& level,
-                                     const std::optional<std::filesystem::path>& rolling, const py::object& resume) {
+                                     const std::optional<std::filesystem::path>& rolling, const py::object& resume,
+                                     const py::object& budget_ms) {
   requireOneOf(tool, tools);
   const FieldParams given = fieldParamsFrom(params);
   LiveOptions options;
@@ -67,6 +68,7 @@ std::unique_ptr<Session> makeSession(const py::object& tool, const py::object& p
   if (!level.is_none()) options.level = levelFrom(level);
   if (rolling) options.rolling = RollingOptions{.folder = *rolling};
   options.resume = boolFrom("resume", resume);
+  options.budget_ms = numberFrom("budget_ms", budget_ms);
   if (!T_B_S.is_none()) options.T_B_S = poseOf("T_B_S", T_B_S);
   if (!exclude_box_S.is_none()) {
     const std::vector<double> box = numbers1("exclude_box_S", exclude_box_S, 6);
@@ -199,6 +201,13 @@ py::dict status(Session& session) {
   all["paused"] = now.paused;
   all["resets"] = now.resets;
   all["rolling"] = now.rolling ? py::object(rollingDict(*now.rolling)) : py::none();
+  all["budget_ms"] = now.budget_ms;
+  all["budget_points"] = now.budget_points;
+  all["backlog"] = now.backlog;
+  all["backlog_ms"] = now.backlog_ms;
+  all["backlog_max"] = now.backlog_max;
+  all["backlog_max_ms"] = now.backlog_max_ms;
+  all["backlog_steps"] = now.backlog_steps;
   all["latency_p50_ms"] = now.latency_p50_ms;
   all["latency_p99_ms"] = now.latency_p99_ms;
   all["latency_max_ms"] = now.latency_max_ms;
@@ -211,6 +220,12 @@ void bindLive(py::module_& module) {
   py::class_<Step>(module, "LiveStep", "What LiveSession.step() did.")
       .def_property_readonly("number", [](const Step& s) { return s.done.number; })
       .def_property_readonly("stamp_ns", [](const Step& s) { return s.done.stamp_ns; })
+      .def_property_readonly(
+          "only_backlog", [](const Step& s) { return s.done.only_backlog; },
+          "No scan came: points that waited since this last one or earlier ones were scored.")
+      .def_property_readonly(
+          "budget_points", [](const Step& s) { return s.done.budget_points; },
+          "Most points that its update scored, 0: no limit; None if it had no update.")
       .def_property_readonly("fused", [](const Step& s) { return s.done.fused; })
       .def_property_readonly("scored", [](const Step& s) { return s.done.scored; })
       .def_property_readonly("late", [](const Step& s) { return s.done.late; })
@@ -237,12 +252,14 @@ void bindLive(py::module_& module) {
            py::arg("memory_limit_bytes") = 0, py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(),
            py::arg("max_gap_s") = 0.2, py::arg("deskew") = "auto", py::arg("update_every") = 1,
            py::arg("level") = py::none(), py::arg("rolling") = py::none(), py::arg("resume") = false,
+           py::arg("budget_ms") = 0,
            "tool, params, tools: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are "
            "given. exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame. deskew: auto, on or off, of scans with "
            "times. update_every: scans before the next labels. level: roll and pitch of the poses' frame in radians, "
            "or \"imu\". rolling: a folder for the tiles of a map of any extent, as of RollingField; resume: go on "
            "after its "
-           "last checkpoint().")
+           "last checkpoint(). budget_ms: the longest that a step should take, 1 .. 60000: so many points are scored "
+           "as fit, the others wait; 0: no limit.")
       .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",
            py::arg("child") = "",
            "The pose of the platform at one time. frame, child: the names of the world's frame and of what is posed. "
@@ -288,7 +305,10 @@ void bindLive(py::module_& module) {
             });
           },
           py::arg("at_most_s"), "Waits until step() has something to do, at most so long; whether it has.")
-      .def("step", &step, "Fuses and scores the oldest scan that has a pose: a LiveStep, or None if none is ready.")
+      .def("step", &step,
+           "Fuses and scores the oldest scan that has a pose, or scores points that wait: a LiveStep, or None if there "
+           "is "
+           "nothing to do.")
       .def("status", &status, "What was published, taken, dropped and waits; poses, memory, latency: a dict.")
       .def(
           "snapshot",

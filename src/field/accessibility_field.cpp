@@ -96,6 +96,16 @@ std::optional<double> AccessibilityField::latestStamp_s() const { return impl_->
 UpdateStats AccessibilityField::update() { return internal::updateLabels(*impl_); }
 UpdateTicket AccessibilityField::updateAsync() { return internal::updateLabelsAsync(*impl_); }
 
+void AccessibilityField::setBudgetPoints(int points) {
+  constexpr int kMost = 2'000'000'000;
+  if (points < 0 || points > kMost) {
+    throw InvalidArgument("config.range", "budget_points", std::to_string(points) + " is outside 0 .. 2000000000",
+                          "Use 0 for no limit");
+  }
+  impl_->steps.settle();
+  impl_->budget_points = points;
+}
+
 void AccessibilityField::stopGrowing(std::size_t most_left_out_leaves) {
   if (impl_->params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("projective.limit", "", "the projective baseline cannot keep a map from growing",

@@ -47,6 +47,7 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
       gate(params.tsdf, params.origin_W, returnsInWindow(params, tools.margins()), params.carry.size()),
       left_out(map, points, gate, left_out_points),
       scheduler(tools.makeScheduler()),
+      budget_points(resolved.update.budget_points),
       steps(views) {
   points.carry(params.carry);
   static_assert(ScanIntegrator::kLists <= UpdateScheduler::kMostLists);

@@ -85,6 +85,7 @@ struct FieldStages {
   LeftOutReturns left_out;
   FieldClock clock;
   std::unique_ptr<UpdateScheduler> scheduler;
+  int budget_points;  ///< of the next update
   FieldViews views;
   LabelState labels;
   std::optional<ScanUnderWay> under_way;         ///< between beginScan() and endScan()

@@ -130,7 +130,7 @@ void openAlone(FieldStages& field, std::span<const OpenedLeaf> opened, FrameStat
 UpdateStats update(FieldStages& field, const BackgroundUpdate::ReleaseMap& release_map) {
   publishWithheld(field);
   field.scheduler->whenMapIsReleased(release_map);
-  const UpdateStats stats = field.scheduler->update(field.mirrors.grid());
+  const UpdateStats stats = field.scheduler->update(field.mirrors.grid(), field.budget_points);
   field.labels.backlog = stats.backlog;
   return stats;
 }

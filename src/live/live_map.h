@@ -26,6 +26,8 @@ class LiveMap {
 
   FrameStats integrate(const io::ScanRecord& record, double stamp_s);
   UpdateStats update();
+  /// AccessibilityField::setBudgetPoints(). @throws InvalidArgument "live.rolling" of a rolling map
+  void setBudgetPoints(int points) { one().field.setBudgetPoints(points); }
   /// As LiveStep::changed. After an update().
   [[nodiscard]] std::vector<SurfacePoint> takeChanged();
   void leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m);

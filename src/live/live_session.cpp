@@ -13,10 +13,12 @@
 #include "accessvdb/tool_spec.h"
 #include "io/poses/pose_track.h"
 #include "io/scans/scan_motion.h"
+#include "live/backlog_times.h"
 #include "live/latencies.h"
 #include "live/live_agreement.h"
 #include "live/live_map.h"
 #include "live/lost_returns.h"
+#include "live/update_budget.h"
 #include "live/waiting_scans.h"
 
 namespace accessvdb {
@@ -27,6 +29,9 @@ using Ready = internal::WaitingScans::Ready;
 
 /// Of the cubes in which lost returns are kept.
 constexpr double kLostEdge_voxels = 8;
+/// A scan may come while the backlog is worked off, and waits so much of its budget at most.
+constexpr double kShareOfBacklog = 0.25;
+constexpr int kFirstBudget_points = 2000;
 
 double millisecondsBetween(Clock::time_point from, Clock::time_point to) {
   return std::chrono::duration<double, std::milli>(to - from).count();
@@ -46,6 +51,15 @@ FieldParams checked(const FieldParams& params, const LiveOptions& options) {
   if (!(options.max_gap_s >= io::kLeastPoseGap_s && options.max_gap_s <= io::kMostPoseGap_s))
     throw InvalidArgument("usage.max_gap", "max_gap_s", "must be within 0.001 .. 10 seconds", "The default is 0.2");
   if (params.window) throw InvalidArgument("live.window", "window", "is for tiles, not for a live map", "Leave it out");
+  if (options.budget_ms != 0) {
+    if (!(options.budget_ms >= 1 && options.budget_ms <= 60000))
+      throw InvalidArgument("live.budget", "budget_ms", "must be 0 or 1 .. 60000 milliseconds", "Use for example 80");
+    if (options.rolling)
+      throw InvalidArgument("live.budget", "budget_ms", "is not for a map in tiles, whose points share no budget",
+                            "Leave out one of the two");
+    if (params.update.budget_points > 0)
+      throw InvalidArgument("live.budget", "budget_ms", "takes the place of budget_points", "Leave out one of the two");
+  }
   return params;
 }
 
@@ -81,6 +95,12 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
         map(std::move(tools), checked(params, given), given, progress),
         waiting(given, map.params().tsdf.max_range_m, kLostEdge_voxels * map.params().tsdf.voxel_size_m) {
     status.memory_limit_bytes = options.memory_limit_bytes;
+    status.budget_ms = options.budget_ms;
+    if (options.budget_ms > 0) {
+      const int first = kFirstBudget_points;
+      clocked = ByClock{.of_scans = {options.budget_ms, first},
+                        .of_backlog = {kShareOfBacklog * options.budget_ms, static_cast<int>(kShareOfBacklog * first)}};
+    }
     if (options.rolling) map.tell(status);
   }
 
@@ -106,6 +126,65 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     return record;
   }
 
+  /// Budgets of updates that follow the clock, and what these left.
+  struct ByClock {
+    internal::UpdateBudget of_scans, of_backlog;
+    internal::BacklogTimes times = {};
+    std::uint64_t backlog = 0, most = 0, steps = 0;
+    double longest_ms = 0;
+    std::int64_t stamp_ns = 0;  ///< of the latest scan
+    std::uint64_t number = 0;
+    Clock::time_point arrived = {};  ///< the first scan since the last update
+  };
+
+  /// @param budget  of those in `clocked`; null without one
+  UpdateStats update(const internal::UpdateBudget* budget) {
+    if (!clocked) return map.update();
+    map.setBudgetPoints(budget->points());
+    const auto oldest = clocked->times.oldest();
+    const UpdateStats stats = map.update();
+    if (oldest) clocked->longest_ms = std::max(clocked->longest_ms, millisecondsBetween(*oldest, Clock::now()));
+    clocked->times.note(clocked->arrived, stats.backlog_updates);
+    clocked->backlog = stats.backlog;
+    clocked->most = std::max(clocked->most, stats.backlog);
+    return stats;
+  }
+  UpdateStats update() { return update(clocked ? &clocked->of_scans : nullptr); }
+
+  /// Between two scans, or at the end of them.
+  LiveStep workOffBacklog() {
+    const Clock::time_point begin = Clock::now();
+    LiveStep step;
+    step.number = clocked->number;
+    step.stamp_ns = clocked->stamp_ns;
+    step.only_backlog = true;
+    step.budget_points = clocked->of_backlog.points();
+    step.scored = update(&clocked->of_backlog);
+    unscored = 0;
+    ++clocked->steps;
+    clocked->of_backlog.took(millisecondsBetween(begin, Clock::now()), step.scored.score_ms, clocked->backlog > 0);
+    // Looking through all points takes time that a scan may need; its step has them, too.
+    if (clocked->backlog == 0) step.changed = map.takeChanged();
+    step.latency_ms = millisecondsBetween(begin, Clock::now());
+    return step;
+  }
+
+  /// Whether a step without a scan scores points. Between the updates of update_every none does.
+  [[nodiscard]] bool backlogIsDue(bool at_end) const {
+    return clocked && ((clocked->backlog > 0 && unscored == 0) || (at_end && unscored + clocked->backlog > 0));
+  }
+  /// With the lock.
+  void tellBacklog() {
+    backlog_is_due = backlogIsDue(false);
+    if (!clocked) return;
+    status.budget_points = static_cast<std::uint64_t>(clocked->of_scans.points());
+    status.backlog = clocked->backlog;
+    status.backlog_max = clocked->most;
+    status.backlog_max_ms = clocked->longest_ms;
+    status.backlog_steps = clocked->steps;
+    oldest_due = clocked->times.oldest();
+  }
+
   /// @param around_W  a position that the map is near to
   void leaveOut(const internal::LostReturns& returns, const Eigen::Vector3d& around_W) {
     if (returns.everywhere()) {
@@ -123,7 +202,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       if (!p_S.isZero()) lost.add(record.T_W_S * p_S.cast<double>());
     try {
       leaveOut(lost, motion.T_W_S.translation());
-      static_cast<void>(map.update());
+      static_cast<void>(update());
       unscored = 0;
       closed = true;
     } catch (const std::exception&) {  // it is broken, and answers nothing
@@ -136,7 +215,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       const double range_m = map.params().tsdf.max_range_m + motion.spread_m(0);
       map.leaveOut(std::array<Eigen::Vector3d, 1>{motion.T_W_S.translation()},
                    std::min(range_m, internal::kFarthestReturn_m));
-      static_cast<void>(map.update());
+      static_cast<void>(update());
     } catch (const std::exception&) {  // it is broken, and answers nothing
     }
   }
@@ -147,10 +226,15 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     leaveOut(ready.lost, ready.motion.T_W_S.translation());
     const auto record = posed(ready, step);
     if (!record) {
-      if (!ready.lost.empty()) static_cast<void>(map.update());  // it may be the last one
+      if (!ready.lost.empty()) static_cast<void>(update());  // it may be the last one
       return false;
     }
     if (!step.late) agreement.add(*record, ready.motion.T_W_B);
+    if (clocked) {
+      clocked->stamp_ns = step.stamp_ns;
+      clocked->number = step.number;
+      if (unscored == 0) clocked->arrived = ready.waiting.arrived;
+    }
     try {
       step.fused = map.integrate(*record, stamp_s);
     } catch (...) {
@@ -160,14 +244,22 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     step.left_out_returns = step.fused.left_out_returns;
     ++unscored;
     if (step.late || unscored < options.update_every) return true;
-    step.scored = map.update();
+    step.budget_points = clocked ? clocked->of_scans.points() : map.params().update.budget_points;
+    step.scored = update();
     unscored = 0;
     step.changed = map.takeChanged();
+    if (clocked) {
+      const Clock::time_point now = Clock::now(), oldest = clocked->times.oldest().value_or(now);
+      clocked->of_scans.took(millisecondsBetween(step_began, now), step.scored.score_ms, clocked->backlog > 0,
+                             millisecondsBetween(oldest, now));
+    }
     return true;
   }
 
   const LiveOptions options;
   internal::LiveMap map;
+  std::optional<ByClock> clocked = {};  ///< of LiveOptions::budget_ms
+  Clock::time_point step_began = {};
   std::size_t unscored = 0;  ///< scans since the last update
   bool closed = false;       ///< what the scan saw whose step fails
   internal::LiveAgreement agreement{map.params().tsdf.range_noise_m, options.T_B_S};
@@ -176,7 +268,9 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   std::condition_variable arrived;
   internal::WaitingScans waiting;
   bool busy = false;  ///< a step has a scan
-  LiveStatus status;  ///< of what was taken
+  bool backlog_is_due = false;
+  std::optional<Clock::time_point> oldest_due = {};  ///< since when the oldest point waits
+  LiveStatus status;                                 ///< of what was taken
   internal::Latencies latencies;
   double latency_max_ms = 0;
 };
@@ -240,7 +334,12 @@ void LiveSession::reset() {
   impl.map.reset();
   impl.agreement = internal::LiveAgreement(impl.map.params().tsdf.range_noise_m, impl.options.T_B_S);
   impl.unscored = 0;
+  if (impl.clocked) {
+    impl.clocked->times.clear();
+    impl.clocked->backlog = 0;
+  }
   const std::scoped_lock locked(impl.lock);
+  impl.tellBacklog();
   impl.waiting.forgetTaken();
   impl.status.surface_points = 0;
   impl.map.tell(impl.status);
@@ -250,15 +349,17 @@ void LiveSession::reset() {
 LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
   LiveRemoval removal;
   removal.removal = impl_->map.field().removeRegion(region, as);
-  static_cast<void>(impl_->map.update());
+  static_cast<void>(impl_->update());
   impl_->unscored = 0;
   removal.changed = impl_->map.takeChanged();
+  const std::scoped_lock locked(impl_->lock);
+  impl_->tellBacklog();
   return removal;
 }
 
 bool LiveSession::waitForWork(std::chrono::milliseconds at_most) {
   std::unique_lock locked(impl_->lock);
-  return impl_->arrived.wait_for(locked, at_most, [this] { return impl_->waiting.hasWork(); });
+  return impl_->arrived.wait_for(locked, at_most, [this] { return impl_->waiting.hasWork() || impl_->backlog_is_due; });
 }
 
 std::optional<LiveStep> LiveSession::step() {
@@ -274,8 +375,15 @@ std::optional<LiveStep> LiveSession::step() {
       at_end = impl_->waiting.poses().isEnd() && impl_->waiting.size() == 0;
     }
     if (!ready) {
-      if (!lost->empty() || (at_end && impl_->unscored > 0)) {
-        impl_->leaveOut(*lost, impl_->map.origin_W());
+      if (!lost->empty()) impl_->leaveOut(*lost, impl_->map.origin_W());
+      const bool rest = !lost->empty() || (at_end && impl_->unscored > 0);
+      if (impl_->clocked && (rest || impl_->backlogIsDue(at_end))) {
+        LiveStep step = impl_->workOffBacklog();
+        const std::scoped_lock locked(impl_->lock);
+        impl_->tellBacklog();
+        return step;
+      }
+      if (rest) {
         static_cast<void>(impl_->map.update());
         impl_->unscored = 0;
       }
@@ -286,7 +394,8 @@ std::optional<LiveStep> LiveSession::step() {
     step.stamp_ns = ready->waiting.scan.stamp_ns;
     step.late = ready->late;
     const Clock::time_point arrived = ready->waiting.arrived;
-    step.waited_ms = millisecondsBetween(arrived, Clock::now());
+    impl_->step_began = Clock::now();
+    step.waited_ms = millisecondsBetween(arrived, impl_->step_began);
     bool taken = false;
     try {
       taken = impl_->take(*ready, step);
@@ -302,6 +411,7 @@ std::optional<LiveStep> LiveSession::step() {
     impl_->map.tell(of_map);
     const std::scoped_lock locked(impl_->lock);
     impl_->busy = false;
+    impl_->tellBacklog();
     if (!taken) {
       impl_->waiting.drop(step.number, step.stamp_ns, ScanDrop::Unusable);
       continue;
@@ -335,6 +445,7 @@ LiveStatus LiveSession::status() const {
   status.latency_p50_ms = impl_->latencies.percentile(0.5);
   status.latency_p99_ms = impl_->latencies.percentile(0.99);
   status.latency_max_ms = impl_->latency_max_ms;
+  if (impl_->oldest_due) status.backlog_ms = millisecondsBetween(*impl_->oldest_due, Clock::now());
   return status;
 }
 

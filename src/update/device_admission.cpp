@@ -34,7 +34,7 @@ kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_di
   return tables;
 }
 
-kernels::ScoringInput ScoringInputs::of(const kernels::OccupancyGrid* mirror) {
+kernels::ScoringInput ScoringInputs::of(const kernels::OccupancyGrid* mirror, int budget_points) {
   kernels::ScoringInput input;
   inputs_.clear();
   for (const ScheduledTool& tool : tools_) {
@@ -43,7 +43,7 @@ kernels::ScoringInput ScoringInputs::of(const kernels::OccupancyGrid* mirror) {
     input.map = tables.map;
   }
   input.tools = inputs_;
-  input.budget_points = static_cast<std::uint32_t>(tools_.front().scorer.params().update.budget_points);
+  input.budget_points = static_cast<std::uint32_t>(budget_points);
   return input;
 }
 
@@ -55,6 +55,7 @@ UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
   stats.direction_tests = outcome.tests;
   stats.label_changes = outcome.label_changes;
   stats.backlog = outcome.waiting;
+  stats.backlog_updates = outcome.waiting_updates;
   stats.score_ms = outcome.score_ms;
   return stats;
 }

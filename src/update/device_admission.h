@@ -26,8 +26,9 @@ class ScoringInputs {
   /// @param tools  the same for all updates
   explicit ScoringInputs(std::vector<ScheduledTool> tools) : tools_(std::move(tools)) {}
 
-  /// @param mirror  in the backend's memory  @return valid until the next call
-  [[nodiscard]] kernels::ScoringInput of(const kernels::OccupancyGrid* mirror);
+  /// @param mirror  in the backend's memory  @param budget_points  of the update; 0: no limit
+  /// @return valid until the next call
+  [[nodiscard]] kernels::ScoringInput of(const kernels::OccupancyGrid* mirror, int budget_points);
 
  private:
   std::vector<ScheduledTool> tools_;

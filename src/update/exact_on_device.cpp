@@ -85,13 +85,13 @@ class ExactOnDevice final : public UpdateScheduler {
     flips_begun_ = true;
   }
 
-  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) override {
     const bool begun = std::exchange(flips_begun_, false);
     // First what reads the points: growing may lose the state of those that came with the first of several scans.
     if (!begun) begin(mirror);
     admission_.growState();
     admission_.complete();
-    const kernels::ScoringInput input = inputs_.of(mirror);
+    const kernels::ScoringInput input = inputs_.of(mirror, budget_points);
     const auto read_host = [&] {
       admission_.readWeights();
       admission_.know();
@@ -124,7 +124,7 @@ class ExactOnDevice final : public UpdateScheduler {
       if (n > 0) first[n] = first[n - 1] + static_cast<std::uint32_t>(voxels[n - 1].size());
     }
     tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) { flips_[n].beginVoxelsAt(first[n]); });
-    updater_->begin(inputs_.of(mirror), {lists, voxels});
+    updater_->begin(inputs_.of(mirror, 0), {lists, voxels});  // it scores nothing
   }
 
   void clearFlips() {

@@ -47,19 +47,23 @@ class ExactOnHost final : public HostScheduler {
         approach_(tool.host.approach),
         limit_(tool.host.tool.collision_limit),
         corridors_(approach_, scorer_.params().tsdf.voxel_size_m),
-        known_(tool.host.tool, approach_.num_directions, approach_.axes_xyz != nullptr),
-        waits_(scorer_.params().update.budget_points > 0) {}
+        known_(tool.host.tool, approach_.num_directions, approach_.axes_xyz != nullptr) {}
 
-  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) override {
     UpdateStats stats;
+    waits_ = budget_points > 0 || backlog_.size() > 0;
     takeChanges();
     makeRoom();
-    const kernels::Stopwatch scoring;
+    kernels::Stopwatch scoring;
     const auto evaluator = scorer_.backend().makeDueEvaluator(scorer_.dueUpdate(known_.scale(), tables_(mirror)));
     FoundByThread found;
     takeAllDue({changes_->changed(), *evaluator}, found);
-    if (waits_) takeTurn(*evaluator, found);
+    if (waits_) {
+      scoring = {};  // points were only chosen so far
+      takeTurn(budget_points, *evaluator, found);
+    }
     stats.moved_points = stats.dirty_points = leads() ? changes_->movedPoints() : 0;
+    stats.score_ms = scoring.milliseconds();
     changes_->finish();
     for (const Found& part : found) {
       stats.dirty_points += part.stats.dirty_points;
@@ -68,7 +72,7 @@ class ExactOnHost final : public HostScheduler {
       stats.label_changes += part.stats.label_changes;
     }
     stats.backlog = backlog_.size();
-    stats.score_ms = scoring.milliseconds();
+    stats.backlog_updates = backlog_.updates();
     return stats;
   }
 
@@ -335,9 +339,9 @@ class ExactOnHost final : public HostScheduler {
   }
 
   /// Evaluates the points whose turn has come.
-  void takeTurn(kernels::DueEvaluator& evaluator, FoundByThread& found) {
+  void takeTurn(int budget_points, kernels::DueEvaluator& evaluator, FoundByThread& found) {
     const PointStore& points = scorer_.points();
-    const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
+    const Backlog::Turn turn = backlog_.take(budget_points);
     std::vector<std::uint32_t> order(turn.ids.size());
     for (std::uint32_t n = 0; n < order.size(); ++n) order[n] = n;
     tbb::parallel_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
@@ -366,8 +370,8 @@ class ExactOnHost final : public HostScheduler {
   int limit_;  ///< [n_c]
   CorridorOffsets corridors_;
   KnownDirections known_;
-  bool waits_;       ///< updates have a budget
-  Backlog backlog_;  ///< points with something due
+  bool waits_ = false;  ///< this update has a budget, or the one before left points
+  Backlog backlog_;     ///< points with something due
 };
 
 }  // namespace

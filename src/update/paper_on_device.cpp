@@ -37,13 +37,13 @@ class PaperOnDevice final : public UpdateScheduler {
     triggers_.note(p_L, q_L, changes.distances);
   }
 
-  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) override {
     admission_.growState();
     admission_.complete();
     admission_.readWeights();
     const PaperRequests asked = triggers_.take();
     const kernels::TriggeredPoints triggered = {asked.jumped, asked.sampled, asked.blocked};
-    const kernels::ScoringInput input = inputs_.of(mirror);
+    const kernels::ScoringInput input = inputs_.of(mirror, budget_points);
     kernels::UpdateOutcome outcome;
     const auto leave_host = [&] {
       admission_.know();

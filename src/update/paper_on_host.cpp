@@ -6,9 +6,9 @@
 /// A point enters the queue once its confidence allows a score, and again when a trigger requests it. Points that one
 /// update enqueues are ordered by reason, ascending within each: newly confident, (i), (ii), (iii).
 ///
-/// Left out on purpose: the paper adapts its budget to the time taken by the last frame, which makes results depend on
-/// the machine and its load. Here the budget is UpdateParams::budget_points, so that runs are repeatable. There is no
-/// sliding window either: the map keeps everything.
+/// The paper adapts its budget to the time taken by the last frame, which makes results depend on the machine and its
+/// load. Here each update is given one, so that runs are repeatable; only a LiveSession follows the clock, and says
+/// which budgets it used. There is no sliding window: the map keeps everything.
 #include <algorithm>
 #include <vector>
 
@@ -41,14 +41,15 @@ class PaperOnHost final : public UpdateScheduler {
     triggers_.note(p_L, q_L, changes.distances);
   }
 
-  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) override {
     UpdateStats stats;
     scorer_.grow();
     enqueueAll();
     scorer_.refreshTouched(touched_.take());
-    const std::vector<std::uint32_t> work = backlog_.take(scorer_.params().update.budget_points).ids;
+    const std::vector<std::uint32_t> work = backlog_.take(budget_points).ids;
     stats.dirty_points = stats.moved_points = work.size();
     stats.backlog = backlog_.size();
+    stats.backlog_updates = backlog_.updates();
     scorer_.refreshNeighbourhoods(work);
     scorer_.upload(work);
     std::vector<kernels::ScoreItem> items(work.size());

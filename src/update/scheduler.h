@@ -77,7 +77,8 @@ class UpdateScheduler {
   virtual void prepare(const kernels::OccupancyGrid* /*mirror*/) {}
 
   /// Scores what is due. Fills in score_ms; the field attributes the rest of the update's time to update_ms.
-  virtual UpdateStats update(const kernels::OccupancyGrid* mirror) = 0;
+  /// @param budget_points  most points to score, for each tool; the others wait. 0: no limit
+  virtual UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) = 0;
   /// Called in the next updates, from any thread, once they no longer read the points and the map on the host, nor what
   /// noteChange() writes; not all schedulers call it. @param release_map  may be empty
   void whenMapIsReleased(std::function<void()> release_map) { release_map_ = std::move(release_map); }

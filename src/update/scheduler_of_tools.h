@@ -73,12 +73,12 @@ class SchedulerOfTools final : public UpdateScheduler {
     for (const Part& part : parts_) part.scheduler->prepare(mirror);
   }
 
-  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) override {
     UpdateStats all;
     for (const Part& part : parts_) {
       const bool last = &part == &parts_.back();
       part.scheduler->whenMapIsReleased(last ? std::function<void()>([this] { releaseMap(); }) : nullptr);
-      add(part.scheduler->update(mirror), all);
+      add(part.scheduler->update(mirror, budget_points), all);
     }
     return all;
   }

@@ -3,6 +3,8 @@
 /// What updates of parts of a field, or of tiles of a map, did together.
 #pragma once
 
+#include <algorithm>
+
 #include "accessvdb/types.h"
 
 namespace accessvdb::internal {
@@ -12,6 +14,7 @@ inline void add(const UpdateStats& part, UpdateStats& all) {
   all.scored_points += part.scored_points;
   all.direction_tests += part.direction_tests;
   all.backlog += part.backlog;
+  all.backlog_updates = std::max(all.backlog_updates, part.backlog_updates);
   all.label_changes += part.label_changes;
   all.update_ms += part.update_ms;
   all.score_ms += part.score_ms;

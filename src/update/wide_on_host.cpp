@@ -36,21 +36,23 @@ class WideOnHost final : public HostScheduler {
  public:
   using HostScheduler::HostScheduler;
 
-  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) override {
     UpdateStats stats;
     const ScoringTables tables = tables_(mirror);
     takeChanges();
-    const kernels::Stopwatch scoring;
+    kernels::Stopwatch scoring;
     std::vector<DuePoint> due = findDue();
     stats.moved_points = stats.dirty_points = leads() ? changes_->movedPoints() : 0;
     changes_->finish();
-    if (const int budget_points = scorer_.params().update.budget_points; budget_points > 0) {
+    if (budget_points > 0 || backlog_.size() > 0) {
       due = takeTurn(due, budget_points);
+      scoring = {};  // points were only chosen so far
     }
     for (std::size_t first = 0; first < due.size(); first += kPointsAtOnce) {
       evaluate(std::span(due).subspan(first, std::min(kPointsAtOnce, due.size() - first)), tables, stats);
     }
     stats.backlog = backlog_.size();
+    stats.backlog_updates = backlog_.updates();
     stats.score_ms = scoring.milliseconds();
     return stats;
   }

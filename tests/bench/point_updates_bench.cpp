@@ -164,7 +164,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     phases.end(kReached);
     scheduler->noteChanges(scan.p_L, {&scan.q_L, 1}, {result.changes, {}});
     phases.end(kFlips);
-    scheduler->update(nullptr);
+    scheduler->update(nullptr, 0);
     phases.end(kRest);
   }
   for (int phase = 0; phase < kPhases; ++phase) {

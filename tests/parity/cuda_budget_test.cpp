@@ -144,6 +144,41 @@ TEST_P(CudaBudget, ServesTheFirstComersAsTheCpuDoes) {
   EXPECT_GT(first, 0u);
 }
 
+/// A budget may be another one at each update, or go and come: an update without one leaves nothing waiting.
+TEST_P(CudaBudget, ChangesFromUpdateToUpdate) {
+  BudgetCase c = GetParam();
+  const int budgets[] = {c.budget_points / 8, 0, c.budget_points, c.budget_points / 4, 1'000'000, 0, 0};
+  c.budget_points = 0;
+  AccessibilityField field(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cuda));
+  const WalkGenerator walk = walkOf(c);
+  std::uint64_t waited = 0, longest = 0;
+  int turn = 0;
+  const auto update = [&] {
+    const int budget = budgets[turn++ % std::ssize(budgets)];
+    field.setBudgetPoints(budget);
+    const UpdateStats stats = field.update();
+    ASSERT_EQ(stats.backlog_updates > 0, stats.backlog > 0);
+    if (budget == 0) {
+      ASSERT_EQ(stats.backlog, 0u);
+    }
+    ASSERT_LE(outOfDate(field), stats.backlog);
+    waited += stats.backlog > 0 ? 1 : 0;
+    longest = std::max(longest, stats.backlog_updates);
+  };
+  for (int frame = 0; frame < c.frames; ++frame) {
+    SCOPED_TRACE("frame " + std::to_string(frame));
+    const WalkFrame scan = walk.frame(frame);
+    field.integrateScan(scan.points_S, scan.T_W_S);
+    for (int n = 0; n <= frame % 2; ++n) update();
+    if (HasFatalFailure()) return;
+  }
+  field.setBudgetPoints(0);
+  EXPECT_EQ(field.update().backlog, 0u);
+  EXPECT_EQ(outOfDate(field), 0u);
+  EXPECT_GT(waited, 3u);
+  EXPECT_GT(longest, 1u);
+}
+
 INSTANTIATE_TEST_SUITE_P(
     Streams, CudaBudget,
     testing::Values(BudgetCase{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05, .budget_points = 300},

@@ -160,5 +160,74 @@ TEST(ExactStream, BudgetOnlyDelays) {
   expectEqualToScratch(field, "after the backlog");
 }
 
+/// So does one that changes from update to update, or goes and comes; and the same ones give the same bits.
+TEST(ExactStream, ChangingBudgetsOnlyDelay) {
+  test::WalkOptions walk_options;
+  walk_options.frames = 14;
+  walk_options.rays_per_frame = 1500;
+  walk_options.range_noise_m = 0.02;
+  walk_options.max_range_m = 8;
+  const test::WalkGenerator walk(walk_options);
+  for (const char* orientations : {"yaw", "sphere:15"}) {  // the last one is a wide set
+    SCOPED_TRACE(orientations);
+    std::vector<AccessibilityField> fields;
+    for (const int threads : {1, 3}) {
+      FieldParams params;
+      params.tsdf.voxel_size_m = 0.05;
+      params.approach.orientations = OrientationSet::parse(orientations);
+      params.threads = threads;
+      fields.emplace_back(ToolGeometry::builtin("builtin:pruner"), params);
+    }
+    std::mt19937 random(3);
+    std::uint64_t with_backlog = 0, out_of_date = 0, all_at_once = 0, longest = 0;
+    const auto update = [&](int budget_points, bool waited) {
+      std::vector<UpdateStats> stats;
+      for (AccessibilityField& field : fields) {
+        field.setBudgetPoints(budget_points);
+        stats.push_back(field.update());
+      }
+      ASSERT_EQ(stats[0].backlog, stats[1].backlog);
+      ASSERT_EQ(stats[0].backlog_updates, stats[1].backlog_updates);
+      ASSERT_EQ(stats[0].backlog_updates > 0, stats[0].backlog > 0);
+      if (budget_points > 0) {
+        EXPECT_LE(stats[0].label_changes, static_cast<std::uint64_t>(budget_points));
+      } else {
+        EXPECT_EQ(stats[0].backlog, 0u);
+        all_at_once += waited ? 1 : 0;
+      }
+      longest = std::max(longest, stats[0].backlog_updates);
+      const FieldSnapshot a = fields[0].snapshot(), b = fields[1].snapshot(), scratch = fields[0].evaluateFromScratch();
+      std::uint64_t differ = 0;
+      for (std::size_t n = 0; n < a.points.size(); ++n) {
+        const SurfacePoint &p = a.points[n], &q = b.points[n];
+        ASSERT_TRUE(p.label == q.label && p.reason == q.reason && p.direction == q.direction && p.score == q.score &&
+                    p.stability == q.stability);
+        differ += p.label != scratch.points[n].label ? 1 : 0;
+      }
+      EXPECT_LE(differ, stats[0].backlog);
+      with_backlog += stats[0].backlog > 0 ? 1 : 0;
+      out_of_date += differ;
+    };
+    bool waits = false;
+    for (int frame = 0; frame < walk_options.frames && !testing::Test::HasFailure(); ++frame) {
+      const auto scan = walk.frame(frame);
+      for (AccessibilityField& field : fields) field.integrateScan(scan.points_S, scan.T_W_S);
+      constexpr int kBudgets[] = {40, 200, 0, 700, 100'000};
+      for (int turn = 0; turn <= frame % 3; ++turn) {
+        const int budget_points = kBudgets[std::uniform_int_distribution<std::size_t>(0, 4)(random)];
+        update(budget_points, waits);
+        waits = budget_points > 0 && budget_points < 1000;
+        if (HasFailure()) return;
+      }
+    }
+    update(0, waits);
+    expectEqualToScratch(fields[0], "at the end");
+    EXPECT_GT(with_backlog, 5u);
+    EXPECT_GT(out_of_date, 50u);
+    EXPECT_GT(all_at_once, 1u);
+    EXPECT_GT(longest, 1u);
+  }
+}
+
 }  // namespace
 }  // namespace accessvdb

@@ -69,6 +69,47 @@ class Live(unittest.TestCase):
             live.write(folder)
             self.assertEqual(len(accessvdb.read_points_ply(Path(folder) / "points.ply")), len(expected))
 
+    def test_budgets_that_follow_the_clock_give_the_same_again(self):
+        live = session(budget_ms=1)
+        field = accessvdb.AccessibilityField(
+            accessvdb.ToolGeometry.builtin("builtin:pruner"), {"tsdf": {"voxel_size_m": walls.VOXEL_M}}
+        )
+        only_backlog = 0
+
+        def repeat(step):
+            if not step.only_backlog:
+                T_W_S = walls.pose(y=0.2 * step.number)
+                field.integrate_scan(walls.scan(T_W_S, seed=step.number), T_W_S)
+            field.set_budget_points(step.budget_points)
+            scored = field.update()
+            self.assertEqual(scored.backlog, step.scored.backlog)
+            self.assertEqual(scored.backlog_updates, step.scored.backlog_updates)
+            self.assert_same(live.snapshot(), field.snapshot())
+            status = live.status()
+            self.assertEqual(status["backlog"], scored.backlog)
+            self.assertEqual(status["backlog_ms"] > 0, scored.backlog > 0)
+
+        for n in range(3):
+            self.send(live, n)
+            for _ in range(2):
+                step = live.step()
+                repeat(step)
+                only_backlog += step.only_backlog
+        live.end_of_poses()
+        while (step := live.step()) is not None:
+            repeat(step)
+            only_backlog += step.only_backlog
+        status = live.status()
+        self.assertGreater(only_backlog, 3)
+        self.assertEqual(status["backlog_steps"], only_backlog)
+        self.assertEqual((status["budget_ms"], status["backlog"], status["taken"]), (1, 0, 3))
+        self.assertGreater(status["backlog_max"], 300)
+        np.testing.assert_array_equal(live.snapshot().label, field.evaluate_from_scratch().label)
+        for bad in (-1, 0.5, 60001, float("nan")):
+            with self.assertRaises(accessvdb.InvalidArgument) as refused:
+                session(budget_ms=bad)
+            self.assertIn(refused.exception.id, ("live.budget", "python.value"))
+
     def test_clouds_in_the_frame_of_the_poses_are_in_the_world(self):
         live = session()
         T_W_S = walls.pose(y=0.5)

@@ -116,6 +116,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     for (const UpdateCounters& of_tool : done) add(of_tool.outcome, outcome);
     for (const auto& tool : tools_) {
       outcome.waiting += tool->waiting();
+      outcome.waiting_updates = std::max(outcome.waiting_updates, tool->waitingUpdates());
       outcome.score_ms += tool->takeScore_ms();
     }
     any_known_ = any_known_ || moved > 0;

@@ -17,6 +17,7 @@
 #include "cuda/update/updaters.h"
 #include "cuda/update/work_queue.h"
 #include "launch/counted_memory.h"
+#include "launch/queue_age.h"
 #include "launch/stopwatch.h"
 
 namespace accessvdb::kernels {
@@ -46,9 +47,11 @@ class DevicePaperUpdater final : public PaperUpdater {
     points_.setWeights(confidence.weights, stream());
     points_.setWeights(confidence.crossed, stream());  // the returns that count may be their neighbours'
     counters_.clear(stream());
+    const std::uint32_t before = queue_.size();
     enqueue(confidence.crossed, triggered);
     const std::uint32_t budget = input.budget_points,
                         turn = budget > 0 ? std::min(queue_.size(), budget) : queue_.size();
+    age_.note(queue_.size() - before, turn);
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
     UpdateOutcome outcome;
     if (turn > 0) evaluate(input, turn, outcome);
@@ -61,6 +64,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     outcome.tests = done.outcome.tests;
     outcome.label_changes = done.outcome.label_changes;
     outcome.waiting = queue_.size();
+    outcome.waiting_updates = age_.updates();
     return outcome;
   }
 
@@ -164,6 +168,7 @@ class DevicePaperUpdater final : public PaperUpdater {
   DeviceCounters counters_;
   PointTables points_;
   WorkQueue queue_;
+  QueueAge age_;
   bool any_resolved_ = false;  ///< whether any point lends its direction
   Staging<PointWeight> crossed_;
   Staging<std::uint32_t> asked_;

@@ -58,8 +58,9 @@ void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
         {setting_.points, known_.view(), known_.arcs(), *flips_, masks_.masks(), setting_.map.inverse_voxel_size},
         stream());
   }
-  if (setting_.budget_points > 0) queue_.grow(num_points, stream());
-  due_.setWaiting(setting_.budget_points > 0 ? queue_.flags() : nullptr);
+  waits_ = setting_.budget_points > 0 || queue_.size() > 0;
+  if (waits_) queue_.grow(num_points, stream());
+  due_.setWaiting(waits_ ? queue_.flags() : nullptr);
   due_.growItems(num_points);
   items_ = 0;
   search_.map = setting_.map;
@@ -90,9 +91,12 @@ void ToolUpdate::takeFlipped() {
 }
 
 void ToolUpdate::takeTurn() {
-  if (setting_.budget_points == 0) return;
+  if (!waits_) return;
+  const std::uint32_t before = queue_.size();
   queue_.addFrom(setting_.points.num_points, {kAsked, kAsked}, stream());
-  const std::uint32_t turn = std::min(queue_.size(), setting_.budget_points);
+  const std::uint32_t all = queue_.size(),
+                      turn = setting_.budget_points > 0 ? std::min(all, setting_.budget_points) : all;
+  age_.note(all - before, turn);
   for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
     part = takeRoom(std::min(turn - first, kMovedChunk), kMovedChunk);
     launchDueAfterWaiting(dueContext(), {queue_.ids() + first, part}, stream());

@@ -21,6 +21,7 @@
 #include "cuda/update/update_kernels.h"
 #include "cuda/update/work_queue.h"
 #include "launch/exact_updater.h"
+#include "launch/queue_age.h"
 
 namespace accessvdb::kernels {
 
@@ -54,12 +55,13 @@ class ToolUpdate {
   void takeMoved(const PointChunk& part, const FoundNeighbourhood* before);
   /// Lists what is due because of flips alone.
   void takeFlipped();
-  /// Lists what is due at the first points in the queue; only with a budget.
+  /// Lists what is due at the first points in the queue; only where points wait.
   void takeTurn();
   /// Evaluates what is due so far.
   void evaluate();
 
   [[nodiscard]] std::uint32_t waiting() const { return queue_.size(); }
+  [[nodiscard]] std::uint64_t waitingUpdates() const { return age_.updates(); }
   /// Time spent evaluating since the last call.
   [[nodiscard]] double takeScore_ms();
   /// Bytes not taken from `memory`.
@@ -77,7 +79,9 @@ class ToolUpdate {
   KnownTables known_;
   GroupMaskTable masks_;
   DueLists due_;
-  WorkQueue queue_;  ///< only with a budget
+  WorkQueue queue_;
+  QueueAge age_;
+  bool waits_ = false;  ///< this update has a budget, or the one before left points
   // For the update in progress.
   std::optional<FlipsView> flips_;
   Setting setting_;

@@ -229,7 +229,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
         }
       }
     }
-    scheduler->update(nullptr);
+    scheduler->update(nullptr, 0);
 
     // Confident: exactly those whose weight is now sufficient and was not before.
     std::set<std::uint32_t> crossed;

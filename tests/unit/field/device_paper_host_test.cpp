@@ -140,7 +140,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       if (fired_L && (q - *fired_L).norm() > 1.5f) moved = true;
       if (!fired_L || (q - *fired_L).norm() > 1.5f) fired_L = q;
     }
-    const UpdateStats stats = scheduler->update(nullptr);
+    const UpdateStats stats = scheduler->update(nullptr, 40);
     EXPECT_EQ(stats.dirty_points, 7u);
     EXPECT_EQ(stats.backlog, 11u);
     EXPECT_EQ(told.budget_points, 40u);
@@ -164,7 +164,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   EXPECT_GT(fired, 1u);
   EXPECT_GT(quiet, 1u);
   // Nothing new, so nothing is requested.
-  static_cast<void>(scheduler->update(nullptr));
+  static_cast<void>(scheduler->update(nullptr, 40));
   EXPECT_TRUE(told.crossed.empty() && told.jumped.empty() && told.sampled.empty() && !told.all_blocked);
 }
 

@@ -88,7 +88,7 @@ class ToolsOnDevice : public testing::Test {
     const IntegrationResult result = integrator.integrate(p, q);
     scheduler_->noteChanges(p, q, {result.changes, {}});
     scheduler_->prepare(nullptr);
-    return scheduler_->update(nullptr);
+    return scheduler_->update(nullptr, 0);
   }
 
   std::vector<ToolSpec> specs_ = {spec("pencil", OrientationSet::yaw()), spec("pruner", OrientationSet::sphere(30)),

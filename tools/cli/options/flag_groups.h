@@ -24,7 +24,7 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
      "--deskew --level "
      "--cloud "
      "--odom --imu --domain --network --queue --max-message --min-range --max-range --range-noise --segments "
-     "--append "},
+     "--append --replay-log "},
     {"Tool",
      " --tool --tool-name --tool-unit --tool-tip --tool-axis --tool-up --orientations --rolls --max-collisions "
      "--corridor "
@@ -34,7 +34,7 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
      " --out --no-clobber --half --compression --up-axis --surface --points-format --sequence --view --colour --width "
      "--height --html --json --scan-log --points-every --status-every --per-frame "},
     {"Expert",
-     " --tau --profile --policy --directions --knn --update-every --budget-points --bin-memory --keep-rays "
+     " --tau --profile --policy --directions --knn --update-every --budget-ms --budget-points --bin-memory --keep-rays "
      "--mirror-distance "},
 }};
 

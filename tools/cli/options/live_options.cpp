@@ -71,6 +71,9 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   addGapOption(flags, map.survey);
   flags.option("--out", &map.out, "folder for the files of map, written when the run is stopped");
   flags.option("--update-every", &map.update_every, "score after every n scans");
+  flags.option("--budget-ms", &options.budget_ms,
+               "milliseconds that a scan may take: so many points are scored as fit, the others between scans; 0 = no "
+               "limit");
   flags.option("--policy", &map.policy, "how points to be scored again are chosen: exact or paper");
   flags.option("--corridor", &map.corridor_m, "length of the straight corridor that must be free, metres");
   flags.option("--origin", &map.origin,
@@ -110,6 +113,14 @@ void checkLiveOptions(const LiveRunOptions& options) {
     if (!(value >= 0 && value <= 86400))
       throw InvalidArgument("usage.interval", flag, "must be 0 .. 86400 seconds", "Leave it out for the default");
   }
+  if (options.budget_ms != 0) {
+    if (!(options.budget_ms >= 1 && options.budget_ms <= 60000))
+      throw InvalidArgument("usage.budget", "--budget-ms", "must be 1 .. 60000 milliseconds, or 0 for no limit",
+                            "Use for example 80");
+    if (!options.map.rolling.empty())
+      throw InvalidArgument("usage.budget", "--budget-ms", "is not for --rolling, whose tiles share no budget",
+                            "Leave out one of the two");
+  }
   if (options.map.exported.sequence > 0)
     throw InvalidArgument("usage.sequence", "--sequence", "is for map, not for live", "Leave it out");
   requireRollingPossible(options);
@@ -132,6 +143,7 @@ LiveOptions sessionOptions(const LiveRunOptions& options) {
   live.deskew = sensor.deskew;
   live.level = sensor.level;
   live.update_every = static_cast<std::size_t>(std::max(1, options.map.update_every));
+  live.budget_ms = options.budget_ms;
   const std::uint64_t machine = memoryLimit(options.map).value_or(0);
   // What else the program needs, and others on the machine, must fit beside.
   live.memory_limit_bytes = options.map.max_memory.empty() ? machine / 8 * 7 : machine;

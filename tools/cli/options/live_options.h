@@ -17,7 +17,7 @@ struct LiveRunOptions {
   std::string cloud, odom, imu, domain, max_message = "16M", scan_log;
   bool network = false;
   int queue = 4;
-  double points_every_s = 1, status_every_s = 1;
+  double points_every_s = 1, status_every_s = 1, budget_ms = 0;
 };
 
 void addLiveOptions(FlagParser& flags, LiveRunOptions& options);

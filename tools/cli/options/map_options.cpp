@@ -127,6 +127,9 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--rolling", &options.rolling,
                "folder for tiles that the sensor has left: they go there past --max-memory, and come back with it, so "
                "that a flight of any length fits; --resume with the same folder goes on after its last checkpoint");
+  flags.option("--replay-log", &options.replay_log,
+               "a --scan-log of live: take its scans, and score as many points after each as it did, for the same "
+               "labels");
   flags.list(
       "--remove", options.remove,
       std::string("what has gone since: taken out of the map after the last scan; may be repeated: ") + kRegionForms);

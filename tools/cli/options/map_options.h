@@ -35,7 +35,7 @@ struct MapOptions {
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;
   int every = 1, update_every = 0;
-  std::string tiles = "auto", bin_memory, origin, rolling;
+  std::string tiles = "auto", bin_memory, origin, rolling, replay_log;
   bool keep_rays = false, fresh = false, html = false;
   bool allow_truncated = false, allow_disagreement = false, sort_poses = false, no_clobber = false,
        print_config = false, mirror_distance = false;

@@ -270,7 +270,7 @@ Paths filesOfTools(const ToolOptions& tool) {
 Paths namedInputs(const MapOptions& options) {
   Paths paths = filesOfTools(options.tool);
   for (const std::string& file : {options.scans, options.poses, options.calib, options.survey.trajectory,
-                                  options.survey.stations, options.common.config}) {
+                                  options.survey.stations, options.common.config, options.replay_log}) {
     if (!file.empty()) paths.emplace_back(file);
   }
   for (const std::string& text : valuesOf(options.orientations)) paths.push_back(fileBehind(text, {"list:"}));

@@ -97,6 +97,15 @@ Json jsonLive(const LiveReport& live) {
         {"full", status.memory_full},
         {"left_out_returns", status.left_out_returns}}},
       {"latency_ms", {{"p50", status.latency_p50_ms}, {"p99", status.latency_p99_ms}, {"max", status.latency_max_ms}}}};
+  if (status.budget_ms > 0) {
+    json["budget"] = {{"ms", status.budget_ms},
+                      {"points", status.budget_points},
+                      {"backlog", status.backlog},
+                      {"backlog_ms", status.backlog_ms},
+                      {"backlog_max", status.backlog_max},
+                      {"backlog_max_ms", status.backlog_max_ms},
+                      {"backlog_steps", status.backlog_steps}};
+  }
   if (const auto& rolling = status.rolling) {
     json["rolling"] = {{"tiles", rolling->tiles},          {"tiles_in_memory", rolling->tiles_in_memory},
                        {"saved", rolling->saved},          {"loaded", rolling->loaded},

@@ -1,8 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What became of each scan of a live map.
+/// What became of each scan of a live map, and how many points each update scored. `map --replay-log` reads it
+/// (runs/replay_log.h; docs/file_formats.md, "Scan log").
 #pragma once
 
+#include <cinttypes>
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
@@ -14,45 +16,74 @@
 
 namespace accessvdb::tools {
 
-/// A line per scan: its time in nanoseconds, and "taken" or "late" (only fused) with what it took, or why it was
-/// dropped.
+namespace scan_log {
+
+inline constexpr const char* kHeader =
+    "# stamp_ns outcome waited_ms latency_ms changed_points budget_points backlog points";
+/// Of rows that are no dropped scans.
+inline constexpr const char* kTaken = "taken";      ///< a scan that was fused
+inline constexpr const char* kLate = "late";        ///< the same, without an update
+inline constexpr const char* kBacklog = "backlog";  ///< an update without a scan
+inline constexpr const char* kFull = "full";        ///< from here on the map does not grow
+inline constexpr const char* kChanged = "changed";  ///< a command changed the map
+inline constexpr const char* kNoUpdate = "-";       ///< in place of its budget and backlog
+/// Begins the last line of a run that ended, with the number of lines before it that are no comments.
+inline constexpr const char* kEnd = "# end of ";
+inline constexpr const char* kMoreDropped = " more were dropped";
+
+}  // namespace scan_log
+
 class ScanLog {
  public:
   explicit ScanLog(const std::string& path) : path_(path) {
     if (path.empty()) return;
     out_.open(path, std::ios::trunc);
-    out_ << "# stamp_ns outcome waited_ms latency_ms changed_points\n" << std::flush;
+    out_ << scan_log::kHeader << "\n" << std::flush;
     check();
   }
-  void taken(const LiveStep& step) {
+  /// @param points  in the map after the step
+  void taken(const LiveStep& step, std::uint64_t points) {
     if (path_.empty()) return;
-    char text[160];
-    std::snprintf(text, sizeof text, "%lld %s %.3f %.3f %zu\n", static_cast<long long>(step.stamp_ns),
-                  step.late ? "late" : "taken", step.waited_ms, step.latency_ms, step.changed.size());
-    out_ << text << std::flush;
-    check();
+    const char* const outcome = step.only_backlog ? scan_log::kBacklog : step.late ? scan_log::kLate : scan_log::kTaken;
+    char text[256], update[64];
+    std::snprintf(update, sizeof update, "%s %s", scan_log::kNoUpdate, scan_log::kNoUpdate);
+    if (step.budget_points)
+      std::snprintf(update, sizeof update, "%d %" PRIu64, *step.budget_points, step.scored.backlog);
+    std::snprintf(text, sizeof text, "%" PRId64 " %s %.3f %.3f %zu %s %" PRIu64 "\n", step.stamp_ns, outcome,
+                  step.waited_ms, step.latency_ms, step.changed.size(), update, points);
+    write(text);
   }
   void dropped(const std::vector<DroppedScan>& scans) {
     if (path_.empty()) return;
-    for (const DroppedScan& scan : scans) out_ << scan.stamp_ns << " " << name(scan.reason) << "\n";
+    for (const DroppedScan& scan : scans) write(std::to_string(scan.stamp_ns) + " " + name(scan.reason) + "\n");
     listed_ += scans.size();
-    out_ << std::flush;
-    check();
+  }
+  /// @param what  kFull or kChanged  @param stamp_ns  of the last scan
+  void note(const char* what, std::int64_t stamp_ns) {
+    if (!path_.empty()) write(std::to_string(stamp_ns) + " " + what + "\n");
   }
   /// @param dropped  scans in all: in a flood, more may come at once than a session remembers
   void finish(std::uint64_t dropped) {
-    if (path_.empty() || dropped == listed_) return;
-    out_ << "# " << dropped - listed_ << " more were dropped; report.json counts them by reason\n" << std::flush;
+    if (path_.empty()) return;
+    if (dropped != listed_) {
+      out_ << "# " << dropped - listed_ << scan_log::kMoreDropped << "; report.json counts them by reason\n";
+    }
+    out_ << scan_log::kEnd << rows_ << " rows\n" << std::flush;
     check();
   }
 
  private:
+  void write(const std::string& row) {
+    out_ << row << std::flush;
+    check();
+    ++rows_;
+  }
   void check() const {
     if (!out_) throw OutputError("output.write", path_, "cannot be written", "Check the folder and free space");
   }
   std::string path_;
   std::ofstream out_;
-  std::uint64_t listed_ = 0;  ///< of the dropped scans
+  std::uint64_t rows_ = 0, listed_ = 0;  ///< listed: of the dropped scans
 };
 
 }  // namespace accessvdb::tools

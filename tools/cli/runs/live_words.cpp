@@ -95,6 +95,14 @@ void LiveWords::sayFrames(const LiveStatus& status) {
   }
 }
 
+std::string budgetInWords(const LiveStatus& status) {
+  if (!(status.budget_ms > 0)) return "";
+  const auto rounded = [](double ms) { return numberText(std::round(ms)); };
+  return "budget: " + numberText(status.budget_ms) + " ms a scan, now " + std::to_string(status.budget_points) +
+         " points; at most " + std::to_string(status.backlog_max) + " points waited, none longer than " +
+         rounded(status.backlog_max_ms) + " ms";
+}
+
 void LiveWords::sayProgress(const LiveStatus& status, const dds::Participant& participant) const {
   LiveInputs inputs;
   for (int n = 0; n < dds::kNumInputs; ++n)
@@ -109,6 +117,9 @@ std::string LiveWords::progressInWords(const LiveStatus& status, const LiveInput
                      std::to_string(status.allDropped()) + " dropped, " + std::to_string(status.surface_points) +
                      " points, latency " + numberText(std::round(status.latency_p50_ms)) + " ms, p99 " +
                      numberText(std::round(status.latency_p99_ms)) + " ms";
+  if (status.backlog > 0)
+    text += "; " + std::to_string(status.backlog) + " points wait, the oldest for " +
+            numberText(std::round(status.backlog_ms)) + " ms";
   if (clouds.senders == 0) text += "; nobody publishes " + options_.cloud;
   if (poses.senders == 0) text += "; nobody publishes " + options_.odom;
   if (status.waits_for_level) {

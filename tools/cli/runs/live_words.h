@@ -16,6 +16,9 @@ namespace accessvdb::tools {
 /// By dds::Input.
 using LiveInputs = std::array<dds::TopicState, dds::kNumInputs>;
 
+/// What --budget-ms came to, at the end; empty without it.
+[[nodiscard]] std::string budgetInWords(const LiveStatus& status);
+
 class LiveWords {
  public:
   LiveWords(const LiveRunOptions& options, Messages& messages) : options_(options), messages_(messages) {}

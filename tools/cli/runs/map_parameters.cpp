@@ -29,6 +29,7 @@ ReportedParameters reportedParameters(const MapOptions& options, const FieldPara
                                    {"points_format", options.exported.points_format},
                                    {"surface", options.exported.surface ? "true" : "false"},
                                    {"sequence", std::to_string(options.exported.sequence)}};
+  if (!options.replay_log.empty()) parameters.emplace_back("replay_log", options.replay_log);
   for (const auto& given : givenSurveyOptions(options.survey)) parameters.push_back(given);
   for (const auto& given : givenRecordingOptions(options.recording)) parameters.push_back(given);
   for (const auto& given : givenSensorOptions(options.sensor)) parameters.push_back(given);

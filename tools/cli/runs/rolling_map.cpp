@@ -37,6 +37,7 @@ std::optional<std::string> whyNotRollingMap(const MapOptions& options, const Fie
   if (options.tiles != "auto") return "--tiles sorts all returns first; leave it out";
   if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
   if (!options.remove.empty()) return "--remove needs a map in one piece";
+  if (!options.replay_log.empty()) return "--replay-log needs a map in one piece";
   if (!options.survey.carry.empty()) return "--carry needs a map in one piece, or --tiles";
   if (options.survey.index) return "--index needs a map in one piece, or --tiles";
   if (options.keep_rays || !options.bin_memory.empty()) return "--keep-rays and --bin-memory are for --tiles";

@@ -38,7 +38,7 @@ constexpr const char* kNotOfThePlan[] = {"out",        "device",
                                          "resume",     "append",
                                          "html",       "remove",
                                          "removed-as", "allow-disagreement",
-                                         "rolling"};
+                                         "rolling",    "replay-log"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations", "crs"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",      "tool-axis", "tool-up", "half", "compression",
@@ -227,6 +227,7 @@ std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldP
   if (options.exported.surface) return "--surface needs all points at once";
   if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
   if (!options.remove.empty()) return "--remove needs a map in one piece";
+  if (!options.replay_log.empty()) return "--replay-log needs a map in one piece";
   if (!options.checkpoint.empty() || !options.resume.empty()) {
     return "finished tiles are kept without --checkpoint, and the same command goes on with the others";
   }

@@ -75,14 +75,16 @@ class LiveRun {
   void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
   void receive(LiveSession& session, dds::Participant& participant, ScanLog& log);
   std::optional<LiveStep> takeStep(LiveSession& session);
+  std::optional<LiveStep> takeLogged(LiveSession& session, ScanLog& log);
   void takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log);
   static dds::OutgoingFrame outgoing(const LiveSession& session);
   void note(const LiveStep& step);
   void forgetCounts();
   void publishPoints(LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
-  void obey(LiveSession& session, dds::Participant& participant);
-  [[nodiscard]] std::string carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant);
+  void obey(LiveSession& session, dds::Participant& participant, ScanLog& log);
+  [[nodiscard]] std::string carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant,
+                                     ScanLog& log);
   void writeFiles(const LiveSession& session);
   void finish(LiveSession& session);
 
@@ -95,7 +97,7 @@ class LiveRun {
   RollingLive rolling_;
   Eigen::AlignedBox3d surface_W_;
   bool refused_ = false;  // existing outputs must stay
-  bool said_many_ = false, said_disagree_ = false;
+  bool said_many_ = false, said_disagree_ = false, logged_full_ = false;
   std::int64_t last_stamp_ns_ = 0;
   std::uint64_t scans_ever_ = 0;                      // resets do not count
   std::uint64_t sent_after_scans_ = 0, sent_to_ = 0;  // of the last message with all points
@@ -139,6 +141,7 @@ void LiveRun::setParameters(const FieldParams& params, const std::vector<ToolSpe
                         {"tool_up", valuesInWords(map.tool.up)},
                         {"profile", map.profile},
                         {"update_every", std::to_string(map.update_every)}};
+  if (options_.budget_ms > 0) report_.parameters.emplace_back("budget_ms", numberText(options_.budget_ms));
   if (!options_.imu.empty()) report_.parameters.emplace_back("imu", options_.imu);
   for (const auto& given : givenSensorOptions(map.sensor)) report_.parameters.push_back(given);
   std::istringstream lines(tools.size() > 1 ? describeTools(tools, params) : params.describe());
@@ -149,6 +152,7 @@ void LiveRun::setParameters(const FieldParams& params, const std::vector<ToolSpe
 }
 
 void LiveRun::note(const LiveStep& step) {
+  if (step.only_backlog) return;
   report_.add(step.fused);
   report_.integrate.add(step.fused.integrate_ms);
   report_.mirror.add(step.fused.mirror_ms);
@@ -200,10 +204,20 @@ std::optional<LiveStep> LiveRun::takeStep(LiveSession& session) {
 }
 
 /// One scan at a time: in a flood there is always another, and status, points and words must come all the same.
-void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log) {
-  if (const auto step = takeStep(session)) {
+/// @return its step, noted
+std::optional<LiveStep> LiveRun::takeLogged(LiveSession& session, ScanLog& log) {
+  std::optional<LiveStep> step = takeStep(session);
+  if (step) {
     note(*step);
-    log.taken(*step);
+    const LiveStatus status = session.status();
+    log.taken(*step, status.surface_points);
+    if (status.memory_full && !std::exchange(logged_full_, true)) log.note(scan_log::kFull, step->stamp_ns);
+  }
+  return step;
+}
+
+void LiveRun::takeNext(LiveSession& session, dds::Participant& participant, ScanLog& log) {
+  if (const auto step = takeLogged(session, log)) {
     if (!step->changed.empty() && participant.subscribers(dds::Output::Changes) > 0) {
       participant.publish(dds::Output::Changes, dds::cloudMessage(step->changed, step->stamp_ns, outgoing(session)));
     }
@@ -255,14 +269,14 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
 }
 
 /// One after the other, each answered at once. Whoever sends ever more of them keeps neither scans nor the end waiting.
-void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
+void LiveRun::obey(LiveSession& session, dds::Participant& participant, ScanLog& log) {
   const Clock::time_point began = Clock::now();
   commands_.beginTurn();
   while (stopSignal() == 0 && secondsSince(began) < kMostOfTurn_s) {
     const auto command = commands_.next();
     if (!command) break;
     try {
-      commands_.answer(*command, true, carryOut(*command, session, participant));
+      commands_.answer(*command, true, carryOut(*command, session, participant, log));
     } catch (const Refused& refused) {
       commands_.answer(*command, false, refused.what());
     } catch (const Error& error) {
@@ -275,7 +289,8 @@ void LiveRun::obey(LiveSession& session, dds::Participant& participant) {
 }
 
 /// @return what was done, in words  @throws Refused, Error for what could not be done; nothing has changed then
-std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant) {
+std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant,
+                              ScanLog& log) {
   const auto refuse = [](const std::string& why) { throw Refused(why); };
   const auto showPoints = [&](const std::vector<SurfacePoint>& changed) {
     if (!changed.empty() && participant.subscribers(dds::Output::Changes) > 0)
@@ -308,6 +323,7 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
     case LiveCommandKind::Reset:
       if (session.rolling() != nullptr) refuse("cannot be done with --rolling: start again with another folder");
       session.reset();
+      log.note(scan_log::kChanged, last_stamp_ns_);
       forgetCounts();
       checkpoints_.noteChange();
       showPoints({});
@@ -315,6 +331,7 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
     case LiveCommandKind::Remove: {
       if (session.rolling() != nullptr) refuse("cannot be done with --rolling");
       const LiveRemoval removal = session.removeRegion(Region::box(command.min_W, command.max_W), command.removed_as);
+      log.note(scan_log::kChanged, last_stamp_ns_);
       checkpoints_.noteChange();
       showPoints(removal.changed);
       return "removed " + std::to_string(removal.removal.voxels) + " voxels and " +
@@ -339,7 +356,7 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
     for (const std::string& notice : participant.poll()) messages_.notice(notice);
     session.waitForWork(std::chrono::milliseconds(50));
     takeNext(session, participant, log);
-    obey(session, participant);
+    obey(session, participant, log);
     if (options_.points_every_s > 0 && due(points_at, options_.points_every_s)) publishPoints(session, participant);
     if (due(status_at, options_.status_every_s)) publishStatus(session, participant);
     if (Clock::now() - words_at < kWordsEvery) continue;
@@ -349,13 +366,11 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
   // What has arrived is still taken: a few scans.
   participant.stopReceiving();
   session.endOfPoses();
-  while (session.status().waiting > 0) {
-    if (const auto step = takeStep(session)) {
-      note(*step);
-      log.taken(*step);
-    }
+  while (session.status().waiting > 0) static_cast<void>(takeLogged(session, log));
+  if (const std::uint64_t backlog = session.status().backlog; backlog > 0)
+    messages_.notice("scoring " + std::to_string(backlog) + " points that wait; once more Ctrl-C ends at once");
+  while (takeLogged(session, log)) {  // what --update-every and --budget-ms left
   }
-  static_cast<void>(takeStep(session));  // scores what --update-every left
   log.dropped(session.takeDropped());
   log.finish(session.status().allDropped());
   publishStatus(session, participant);
@@ -443,6 +458,7 @@ int LiveRun::run() {
   const int signal = stopSignal();
   const bool any =
       session.rolling() != nullptr ? session.rolling()->status().points > 0 : session.field().points()->size() > 0;
+  if (const std::string words = budgetInWords(report_.live->status); !words.empty()) messages_.notice(words);
   messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
                    numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(scans_ever_) + " of " +
                    std::to_string(report_.live->status.published) + " scans taken" + (any ? "" : "; nothing to save"));

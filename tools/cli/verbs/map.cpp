@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <set>
 
 #include "accessvdb/accessibility_field.h"
@@ -33,6 +34,7 @@
 #include "runs/memory_check.h"
 #include "runs/plausibility.h"
 #include "runs/reading_losses.h"
+#include "runs/replay_log.h"
 #include "runs/rolling_map.h"
 #include "runs/scan_stamps.h"
 #include "runs/tile_job.h"
@@ -72,11 +74,12 @@ class MapRun {
   int rolling(const PlanSources& sources);
   int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
+  void replay(io::ScanSequence& scans, AccessibilityField& field);
   std::size_t readResumed(io::ScanSequence& scans);
   [[nodiscard]] RunProgress progress(const io::ScanSequence& scans) const;
   void countLeftOut(const io::ScanRecord& record);
-  void integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field);
-  void update(AccessibilityField& field);
+  FrameStats integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field);
+  UpdateStats update(AccessibilityField& field);
   bool removeRegions(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
@@ -95,6 +98,7 @@ class MapRun {
   SceneStatistics scene_;
   std::set<std::string> hashed_;
   ReadingLosses losses_;
+  std::optional<ReplayLog> replay_log_;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool written_ = false;      // the field including its labels
   Clock::time_point start_ = Clock::now();
@@ -111,7 +115,7 @@ void MapRun::countLeftOut(const io::ScanRecord& record) {
   report_.noise_points = losses_.noise;
 }
 
-void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
+FrameStats MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
   const std::vector<std::int32_t> attributes = io::attributesFor(record, field.params().carry.size());
   const FrameStats stats = record.points_W.empty()
                                ? field.integrateScan(record.points_S, record.T_W_S, stamp_s, attributes)
@@ -119,12 +123,14 @@ void MapRun::integrate(const io::ScanRecord& record, double stamp_s, Accessibili
   report_.addScan(stats, options_.mirror_distance);
   countLeftOut(record);
   ++report_.scans;
+  return stats;
 }
 
-void MapRun::update(AccessibilityField& field) {
+UpdateStats MapRun::update(AccessibilityField& field) {
   const UpdateStats stats = field.update();
   report_.update.add(stats.update_ms);
   report_.score.add(stats.score_ms);
+  return stats;
 }
 
 /// After the last checkpoint, which is of the scans alone. @return whether there was anything to remove
@@ -184,6 +190,43 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
   }
   // The last frame of the sequence has the same content as field.vdb.
   if (options_.exported.sequence > 0 && unshown && report_.points_used > 0) writeFrame(field);
+}
+
+/// What a live map did with these scans, in the same order and with the same budgets.
+void MapRun::replay(io::ScanSequence& scans, AccessibilityField& field) {
+  using What = ReplayLog::Row::What;
+  const std::vector<ReplayLog::Row>& rows = replay_log_->rows();
+  Progress progress(messages_, "replaying", rows.size());
+  bool fresh = false;
+  std::uint64_t points = 0;
+  for (std::size_t n = 0; n < rows.size() && stopSignal() == 0; ++n) {
+    const ReplayLog::Row& row = rows[n];
+    if (row.what == What::StopGrowing) {
+      field.stopGrowing();
+      continue;
+    }
+    const auto begin = Clock::now();
+    if (row.what == What::Scan) {
+      const io::ScanRecord record = scans.read(row.step);
+      points = integrate(record, row.stamp_s(), field).surface_points;
+      fresh = true;
+      scene_.add(record);
+      hashInput(record.path);
+      progress.show(n + 1, fs::path(record.path).filename().string());
+    }
+    std::optional<UpdateStats> updated;
+    if (row.update) {
+      field.setBudgetPoints(row.update->budget_points);
+      updated = update(field);
+      fresh = updated->backlog > 0;
+    }
+    replay_log_->requireSame(row, points, updated);
+    report_.frame.add(millisecondsSince(begin));
+  }
+  progress.finish();
+  field.setBudgetPoints(0);
+  if (stopSignal() == 0 && removeRegions(field)) fresh = true;
+  if (fresh) update(field);
 }
 
 RunProgress MapRun::progress(const io::ScanSequence& scans) const {
@@ -309,6 +352,7 @@ int MapRun::run() {
   report_.parameters = reportedParameters(options_, fieldParams(options_));
   if (wantedTile_m(options_) > 0) requireTilesPossible(options_, fieldParams(options_));
   if (!options_.rolling.empty()) requireRollingPossible(options_, fieldParams(options_));
+  requireReplayPossible(options_);
   outputs_.claim();
   if (options_.rolling.empty()) checkpoints_.prepare();
   watchStopSignals();
@@ -325,6 +369,11 @@ int MapRun::run() {
                         report_.inputs.end());
   }
   hashInput(options_.common.config);
+  if (!options_.replay_log.empty()) {
+    replay_log_.emplace(options_.replay_log);
+    replay_log_->match(scans);
+    hashInput(options_.replay_log);
+  }
   first_scan_input_ = report_.inputs.size();
   outputs_.clear(inputsWith(options_, scans));
   sayAboutScans(scans, messages_);
@@ -408,7 +457,11 @@ void MapRun::writeViews(const std::vector<ToolSpec>& tools) {
 }
 
 int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
-  integrateAll(scans, field);
+  if (replay_log_) {
+    replay(scans, field);
+  } else {
+    integrateAll(scans, field);
+  }
   const int signal = stopSignal();
   if (signal != 0) {
     messages_.notice(std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) +
