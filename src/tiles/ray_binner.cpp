@@ -138,6 +138,9 @@ std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& befo
                                                           : io::sha256OfFile(input.path);
       inputs.push_back({input.path, sha256});
     }
+    if (!flight.poses_in_effect.empty()) {
+      inputs.push_back({(job_.out / flight.poses_in_effect).string(), flight.poses_in_effect_sha256});
+    }
   }
   for (std::size_t n = 0; n < before.size() && n < inputs.size(); ++n) {
     if (before[n].path == inputs[n].path && before[n].sha256 != inputs[n].sha256) refuseChanged(inputs[n].path);

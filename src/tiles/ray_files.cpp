@@ -77,7 +77,8 @@ std::optional<Binned> binned(const fs::path& out, const Plan& plan) {
     }
     for (const Json& input : json.at("inputs")) result.inputs.push_back({input.at("path"), input.at("sha256")});
     for (const Json& tile : json.at("tiles")) {
-      result.returns_of.push_back({{tile.at(0), tile.at(1), {}}, tile.at(2), tile.at(3)});
+      result.returns_of.push_back({{tile.at(0), tile.at(1), {}}, tile.at(2), tile.at(3), {}});
+      if (tile.size() > 4) tile.at(4).get_to(result.returns_of.back().content);
     }
   });
   if (!found) return std::nullopt;
@@ -98,6 +99,14 @@ std::vector<ShardRange> missingShards(const fs::path& out, const Plan& plan) {
 
 namespace {
 
+/// What a tile's files are made from, as one hash.
+std::string contentOf(const Plan& plan, const RayDigest& returns) {
+  internal::Sha256 sha256;
+  sha256.update(plan.method_id.data(), plan.method_id.size());
+  sha256.update(returns.data(), sizeof returns);
+  return internal::hexOf(sha256.digest());
+}
+
 void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, const Json& shards) {
   Json dropped = Json::object(), files = Json::array(), list = Json::array();
   for (int n = 0; n < kNumDropReasons; ++n) {
@@ -105,7 +114,7 @@ void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, 
   }
   for (const io::InputFile& input : result.inputs) files.push_back({{"path", input.path}, {"sha256", input.sha256}});
   for (const TileReturns& tile : result.returns_of) {
-    list.push_back({tile.id.x, tile.id.y, tile.returns, tile.flights});
+    list.push_back({tile.id.x, tile.id.y, tile.returns, tile.flights, tile.content});
   }
   writeJson(manifestFile(out), {{"plan", plan.id()},
                                 {"steps", result.steps},
@@ -128,6 +137,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
   result.inputs = inputs;
   result.steps = plan.steps();
   std::map<TileIndex, TileReturns> tiles;
+  std::map<TileIndex, RayDigest> digests;
   Json shards = Json::array();
   for (std::uint64_t step = 0; step < result.steps;) {
     const fs::path file = raysFolder(out) / shardName(step);
@@ -141,6 +151,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
       TileReturns& tile = tiles[segment.tile];
       tile.id = {segment.tile.first, segment.tile.second, {}};
       tile.returns += segment.returns;
+      tiles::add(digests[segment.tile], segment.digest);
       tile.flights = static_cast<std::uint32_t>(plan.flightOf(step) + 1);
       result.returns_stored += segment.returns;
     }
@@ -149,7 +160,10 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     shards.push_back({{"first_step", index.first_step}, {"end_step", index.end_step}, {"bytes", bytes}});
     step = index.end_step;
   }
-  for (const auto& [index, tile] : tiles) result.returns_of.push_back(tile);
+  for (auto& [index, tile] : tiles) {
+    tile.content = contentOf(plan, digests[index]);
+    result.returns_of.push_back(tile);
+  }
   std::stable_sort(result.returns_of.begin(), result.returns_of.end(),
                    [](const TileReturns& a, const TileReturns& b) { return a.returns > b.returns; });
 

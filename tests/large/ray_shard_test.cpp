@@ -108,6 +108,25 @@ TEST_F(RayShard, IsReadBack) {
   EXPECT_EQ(buffer_.bytes(), 0u);
 }
 
+/// A tile's hash does not depend on where shards end, and does on every step and return.
+TEST_F(RayShard, HashesOfPartsAddUp) {
+  const auto sumOf = [&](const std::vector<std::vector<std::uint32_t>>& shards, int returns) {
+    RayDigest sum = {};
+    for (const std::vector<std::uint32_t>& steps : shards) {
+      for (const std::uint32_t step : steps) add({0, 0}, step, returns, step % 2 == 1);
+      write();
+      for (const ShardSegment& segment : readShardIndex(file_, kPlan).segments) tiles::add(sum, segment.digest);
+    }
+    return sum;
+  };
+  const RayDigest whole = sumOf({{7, 8, 9}}, 5);
+  EXPECT_EQ(sumOf({{7}, {8, 9}}, 5), whole);
+  EXPECT_EQ(sumOf({{7, 8}, {}, {9}}, 5), whole);
+  EXPECT_NE(sumOf({{7, 8}}, 5), whole);
+  EXPECT_NE(sumOf({{7, 8, 10}}, 5), whole);
+  EXPECT_NE(sumOf({{7, 8, 9}}, 6), whole);
+}
+
 TEST_F(RayShard, AShardWithoutReturnsIsReadBack) {
   write();
   EXPECT_TRUE(read().empty());

@@ -49,9 +49,13 @@ tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence*
   progress.finish();
   for (const io::ScanSequence* scans : flights) sayAboutReading(*scans, messages);
   if (rays.complete) {
+    const tiles::Status status = tiles::status(job.out, job.plan, rays);
     messages.notice("sorted " + std::to_string(rays.points_in) + " returns into " +
                     std::to_string(rays.returns_of.size()) + " tiles in " + secondsInWords(secondsSince(begin)) + ", " +
-                    bytesInWords(static_cast<double>(rays.bytes)));
+                    bytesInWords(static_cast<double>(rays.bytes)) +
+                    (status.done.empty() ? std::string()
+                                         : "; " + std::to_string(status.done.size()) + " are done already, " +
+                                               std::to_string(status.todo.size()) + " are to be mapped"));
   }
   return rays;
 }
@@ -165,6 +169,7 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
                     std::to_string(rays.returns_of.size()) + " tiles; the same command goes on from here");
   } else {
     tiles::removeLeftovers(job.out);
+    tiles::removeOutdated(job.out, status);
     if (!options.keep_rays) tiles::removeRays(job.out);
     messages.notice("done in " + secondsInWords(secondsSince(begin)) + "; wrote " + std::to_string(status.done.size()) +
                     " tiles with " + std::to_string(report.surface_points) +
