@@ -460,6 +460,69 @@ TEST_F(CorrectedPoses, OfOneFlightAmongOthers) {
   expectSameFiles("all.ply", "one/points.ply");
 }
 
+/// A cloud in the world frame, of which only the sensor's positions are corrected: all are taken as they are given.
+TEST_F(CorrectedPoses, ATrajectoryIsTakenAsItIs) {
+  std::string cloud, track, corrected;
+  std::size_t count = 0;
+  for (std::size_t n = 0; n < old_.size(); ++n) {
+    const FlatPose& pose = old_[n];
+    for (const auto& p : returnsOf(n)) {
+      const std::array<double, 4> row = {pose.x + p[0], pose.y + p[1], pose.z + p[2], pose.stamp_s};
+      cloud.append(reinterpret_cast<const char*>(row.data()), sizeof row);
+      ++count;
+    }
+    char line[100];
+    std::snprintf(line, sizeof line, "%g %.17g %.17g %.17g\n", pose.stamp_s, pose.x, pose.y, pose.z);
+    track += line;
+    std::snprintf(line, sizeof line, "%g %.17g %.17g %.17g\n", pose.stamp_s, pose.x, pose.y + (n < 9 ? 0 : 0.01),
+                  pose.z);
+    corrected += line;
+  }
+  writeText("cloud.ply", "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) +
+                             "\nproperty double x\nproperty double y\nproperty double z\nproperty double time\n"
+                             "end_header\n" +
+                             cloud);
+  writeText("track.txt", track);
+  writeText("corrected.txt", corrected);
+  scans_ = {"--scans", path("cloud.ply"), "--trajectory", path("track.txt")};
+  makeMap();
+  EXPECT_TRUE(has(succeed({"tile", "plan", path("out"), "--trajectory", path("corrected.txt")}),
+                  "all scans take the new poses: their returns have more than one pose each"));
+  succeed(step("bin"));
+  EXPECT_GE(todo().size(), 2u);
+  EXPECT_LE(todo().size(), tilesOf().size() - 2);
+  succeed(step("run"));
+  scans_ = {"--scans", path("cloud.ply"), "--trajectory", path("corrected.txt")};
+  succeed(map({"--tiles", "off", "--origin", "0,0,0"}, "one"));
+  succeed(step("merge", {"--points", path("all.ply"), "--vdb", path("all.vdb")}));
+  expectSameFiles("all.ply", "one/points.ply");
+  expectSameFiles("all.vdb", "one/field.vdb");
+}
+
+/// A map whose rays were never on disk is made again as a whole the first time, and in part the second.
+TEST_F(CorrectedPoses, OfAMapThatRolled) {
+  succeed(map({"--rolling", path("flight"), "--max-memory", "1G"}));
+  writeTrack("new.txt", drifted(9));
+  succeed(correct("new.txt"));
+  refuse(step("merge"), 3, "rays.missing");
+  succeed(step("bin"));
+  EXPECT_EQ(todo().size(), tilesOf().size());
+  succeed(step("run"));
+  const Track first = inEffect(old_, drifted(9));
+  expectFromTheStart(first);
+  Track second = first;
+  second.back().x += 0.1;
+  writeTrack("second.txt", second);
+  succeed(correct("second.txt"));
+  succeed(step("bin"));
+  EXPECT_LT(todo().size(), tilesOf().size());
+  succeed(step("run"));
+  expectFromTheStart(second);
+
+  succeed(map({"--rolling", path("flight_full"), "--max-memory", "1G", "--change", "full"}, "full"));
+  refuse({"tile", "plan", path("full"), "--poses", path("new.txt")}, 2, "usage.poses");
+}
+
 /// SIGKILL at any moment of a correction: what is merged then is the map of before, as a whole, or nothing; and the
 /// same commands go on.
 TEST_F(CorrectedPoses, KilledAtAnyMoment) {
