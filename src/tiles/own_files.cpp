@@ -235,7 +235,8 @@ void removeOutdated(const fs::path& out, const Status& status) {
   for (const fs::path& entry : entriesOf(out / "tiles")) {
     const std::string name = entry.filename().string();
     if (!isRealFolder(entry) || !isTileName(name) || current.contains(name)) continue;
-    if (!ownFilesOfTile(entry).foreign) removeTile(out, TileId::parse(name));
+    if (!objectIn(entry / kTileManifest).contains("files") || ownFilesOfTile(entry).foreign) continue;
+    removeTile(out, TileId::parse(name));
   }
 }
 

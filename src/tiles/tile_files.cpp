@@ -56,9 +56,12 @@ bool isOf(const Plan& plan, std::size_t flights, const std::string& id) {
 
 std::string contentIn(const Json& json) { return json.value("content", std::string()); }
 
-/// Whether what says this was made from the same returns by the same plan, or by one with other poses.
+/// Whether what says this was made from the same returns in the same way, be it by a plan with other poses. Where the
+/// returns were never on disk, by the same plan.
 bool isOf(const Plan& plan, std::size_t flights, const std::string& content, const Json& json) {
-  return isOf(plan, flights, json.at("plan")) || (!content.empty() && contentIn(json) == content);
+  const std::string made_from = contentIn(json);
+  const bool known = !content.empty() && !made_from.empty();
+  return known ? made_from == content : isOf(plan, flights, json.at("plan"));
 }
 
 }  // namespace

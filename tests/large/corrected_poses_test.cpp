@@ -320,7 +320,8 @@ TEST_F(CorrectedPoses, PosesThatCannotBeMeant) {
   refuse(correct("none.txt"), 3, "input.missing");
 
   writeTrack("new.txt", drifted(6));
-  for (const Flags& more : {Flags{"--voxel", "0.1"}, Flags{"--corridor", "0.4"}, Flags{"--every", "2"}}) {
+  for (const Flags& more : {Flags{"--voxel", "0.1"}, Flags{"--corridor", "0.4"}, Flags{"--every", "2"},
+                            Flags{"--fresh"}, Flags{"--tiles", "12.8"}}) {
     refuse(correct("new.txt", more), 2, "usage.poses");
   }
   refuse(correct("new.txt", {"--scans", path("elsewhere")}), 2, "usage.poses");
@@ -361,6 +362,7 @@ TEST_F(CorrectedPoses, TilesThatAreLeftBehindGo) {
   for (std::size_t n = 8; n < now.size(); ++n) now[n].x = old_[7].x + 0.01 * static_cast<double>(n);
   writeTrack("new.txt", now);
   writeText("out/tiles/3_0/notes.txt", "of somebody");
+  fs::create_directories(path("out/tiles/9_9"));
   ASSERT_TRUE(std::find(before.begin(), before.end(), "3_-1") != before.end());
   succeed(correct("new.txt", {"--allow-disagreement"}));
   remake();
@@ -368,6 +370,7 @@ TEST_F(CorrectedPoses, TilesThatAreLeftBehindGo) {
   expectFromTheStart(now);
   EXPECT_FALSE(fs::exists(path("out/tiles/3_-1")));
   EXPECT_TRUE(fs::exists(path("out/tiles/3_0/notes.txt")));
+  EXPECT_TRUE(fs::exists(path("out/tiles/9_9")));
   for (const std::string& name : tilesOf()) EXPECT_TRUE(fs::exists(path("out/tiles/" + name))) << name;
 }
 

@@ -51,12 +51,16 @@ std::size_t flightNamed(const tiles::Plan& plan, const OpenJob& open, const std:
 }
 
 PlanSettings correctedSettings(PlanSettings settings, const FlagParser& flags) {
+  const auto refuse = [](const std::string& key) {
+    throw InvalidArgument("usage.poses", "--" + key, "belongs to the plan whose poses are corrected",
+                          "Give the new poses only, or make a plan in another folder");
+  };
+  for (const char* key : {"tiles", "bin-memory", "fresh"}) {
+    if (flags.isSet(key)) refuse(key);
+  }
   for (const auto& [key, value] : planSettings(flags)) {
     if (key == "scans" || !flags.isSet(key)) continue;
-    if (!isOfPoses(key)) {
-      throw InvalidArgument("usage.poses", "--" + key, "belongs to the plan whose poses are corrected",
-                            "Give the new poses only, or make a plan in another folder");
-    }
+    if (!isOfPoses(key)) refuse(key);
     std::erase_if(settings, [&key = key](const auto& setting) { return setting.first == key; });
     settings.emplace_back(key, value);
   }
@@ -109,9 +113,9 @@ struct PosePair {
   Eigen::Isometry3d before, now;
 };
 
-/// Nothing where returns of one scan have several poses, or none.
+/// Nothing where scans have no poses, or those of before are not known.
 std::vector<PosePair> posePairs(const io::ScanSequence& now, const std::optional<io::ScanSequence>& before) {
-  if (!before || before->size() != now.size() || before->deskews() || now.deskews()) return {};
+  if (!before || before->size() != now.size()) return {};
   std::vector<PosePair> pairs;
   for (std::size_t step = 0; step < now.size(); ++step) {
     const auto from = before->sensorPose(step), to = now.sensorPose(step);
@@ -168,8 +172,8 @@ Moves movesOf(io::ScanSequence& now, const std::vector<PosePair>& pairs, const T
     bool moved = shift_m > enough_m;
     if (!moved && pair.now.matrix() != pair.before.matrix()) {
       const double turn = (pair.now.linear() - pair.before.linear()).norm();
-      moved =
-          !(shift_m + turn * params.max_range_m <= enough_m) && farthestMove_m(now.read(step), pair, params) > enough_m;
+      const double most_m = shift_m + (turn > 0 ? turn * params.max_range_m : 0);
+      moved = !(most_m <= enough_m) && farthestMove_m(now.read(step), pair, params) > enough_m;
     }
     moves.moved.push_back(moved);
     moves.count += moved ? 1 : 0;
@@ -254,8 +258,9 @@ int correctPoses(const fs::path& out, const MapOptions& options, const FlagParse
   sayAboutScans(now, messages);
   const std::optional<io::ScanSequence> before = scansBefore(open, n);
   requireSameScans(now, before, open.job.plan.flights[n], subject);
-  const std::vector<PosePair> pairs = posePairs(now, before);
+  std::vector<PosePair> pairs = posePairs(now, before);
   requireNear(pairs, subject);
+  if (now.deskews() || (before && before->deskews())) pairs.clear();  // more than one of each scan
   static_cast<void>(checkAgreement(corrected, open.job.params.tsdf.range_noise_m, now, messages));
 
   const Moves moves = movesOf(now, pairs, open.job.params.tsdf, messages);

@@ -92,9 +92,12 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   MapOptions options;
   bool append = false;
   FlagParser flags;
-  flags.describe("tile plan", "Decides the tiles of a map and writes OUT/plan.json.",
-                 "accessvdb tile plan out/ --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 "
-                 "--max-memory 8G");
+  flags.describe(
+      "tile plan", "Decides the tiles of a map and writes OUT/plan.json.",
+      "accessvdb tile plan out/ --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 "
+      "--max-memory 8G\n"
+      "  accessvdb tile plan out/ --append --scans flight2/scans --poses flight2/poses.txt\n"
+      "  accessvdb tile plan out/ --poses corrected.txt    (then bin, run and merge again: what moved is made anew)");
   addCommonOptions(flags, options.common);
   addMapFlags(flags, options, "OUT");
   flags.flag("--append", append, "add the scans of another flight to the plan in OUT; nothing else may be given");
