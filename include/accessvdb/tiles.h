@@ -140,6 +140,8 @@ struct Binned {
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
   std::vector<io::InputFile> inputs;    ///< the scans, with their hashes
   std::vector<TileReturns> returns_of;  ///< most first
+  /// Of each step the distance that no return is farther from its sensor than, metres; empty where it is not known.
+  std::vector<double> farthest_m = {};
 };
 
 /// A plan in its folder, with the tools and the parameters that it was made from.

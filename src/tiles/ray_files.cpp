@@ -3,6 +3,7 @@
 #include "tiles/ray_files.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include "accessvdb/error.h"
@@ -75,6 +76,7 @@ std::optional<Binned> binned(const fs::path& out, const Plan& plan) {
           .at(accessvdb::name(static_cast<DropReason>(n)))
           .get_to(result.dropped[static_cast<std::size_t>(n)]);
     }
+    if (json.contains("farthest_m")) json.at("farthest_m").get_to(result.farthest_m);
     for (const Json& input : json.at("inputs")) result.inputs.push_back({input.at("path"), input.at("sha256")});
     for (const Json& tile : json.at("tiles")) {
       result.returns_of.push_back({{tile.at(0), tile.at(1), {}}, tile.at(2), tile.at(3), {}});
@@ -125,6 +127,7 @@ void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, 
                                 {"returns_stored", result.returns_stored},
                                 {"bytes", result.bytes},
                                 {"shards", shards},
+                                {"farthest_m", result.farthest_m},
                                 {"inputs", files},
                                 {"tiles", list}});
 }
@@ -147,6 +150,10 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     result.points_used += index.points_used;
     result.truncated_points += index.truncated_points;
     for (std::size_t n = 0; n < index.dropped.size(); ++n) result.dropped[n] += index.dropped[n];
+    // What is stored was rounded; in whole millimetres the list is short.
+    for (const float longest_m : index.farthest_m) {
+      result.farthest_m.push_back(std::ceil(1000 * (longest_m * (1 + 1e-6)) + 0.1) / 1000);
+    }
     for (const ShardSegment& segment : index.segments) {
       TileReturns& tile = tiles[segment.tile];
       tile.id = {segment.tile.first, segment.tile.second, {}};

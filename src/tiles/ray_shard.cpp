@@ -133,12 +133,13 @@ void ShardBuffer::write(const std::filesystem::path& path, const std::string& pl
     }
     const IndexHead index_head = {index.first_step,       index.end_step, index.points_in, index.points_used,
                                   index.truncated_points, index.dropped,  entries.size()};
-    std::vector<char> text(sizeof index_head + entries.size() * sizeof(IndexEntry));
-    std::memcpy(text.data(), &index_head, sizeof index_head);
-    if (!entries.empty()) {  // no address may be null, even for no bytes
-      std::memcpy(text.data() + sizeof index_head, entries.data(), entries.size() * sizeof(IndexEntry));
+    index.farthest_m.resize(index.end_step - index.first_step);
+    const auto bytesOf = [](const auto& values) { return std::as_bytes(std::span(values)); };
+    std::vector<std::byte> text;
+    for (const auto& part : {bytesOf(std::span(&index_head, 1)), bytesOf(entries), bytesOf(index.farthest_m)}) {
+      text.insert(text.end(), part.begin(), part.end());
     }
-    stream.write(text.data(), static_cast<std::streamsize>(text.size()));
+    stream.write(reinterpret_cast<const char*>(text.data()), static_cast<std::streamsize>(text.size()));
     put(stream, Tail{place, text.size(), digestOf(text.data(), text.size()), kMagic});
   });
   tiles_.clear();
@@ -171,7 +172,10 @@ ShardIndex readShardIndex(const std::filesystem::path& path, const std::string& 
   if (!stream || digestOf(text.data(), text.size()) != tail.index_sha256) failDamaged(path, "has a damaged index");
   IndexHead index_head;
   std::memcpy(&index_head, text.data(), sizeof index_head);
-  if (index_head.segments != (text.size() - sizeof index_head) / sizeof(IndexEntry)) {
+  const std::uint64_t steps = index_head.end_step - index_head.first_step;
+  const std::size_t listed = text.size() - sizeof index_head;
+  if (index_head.segments > listed / sizeof(IndexEntry) ||
+      steps != (listed - index_head.segments * sizeof(IndexEntry)) / sizeof(float)) {
     failDamaged(path, "has a damaged index");
   }
   ShardIndex index = {index_head.first_step,
@@ -180,7 +184,8 @@ ShardIndex readShardIndex(const std::filesystem::path& path, const std::string& 
                       index_head.points_used,
                       index_head.truncated_points,
                       index_head.dropped,
-                      {}};
+                      {},
+                      std::vector<float>(steps)};
   for (std::uint64_t n = 0; n < index_head.segments; ++n) {
     IndexEntry entry;
     std::memcpy(&entry, text.data() + sizeof index_head + n * sizeof entry, sizeof entry);
@@ -188,6 +193,9 @@ ShardIndex readShardIndex(const std::filesystem::path& path, const std::string& 
       failDamaged(path, "has a damaged index");
     }
     index.segments.push_back({{entry.x, entry.y}, entry.begin, entry.bytes, entry.returns, entry.digest});
+  }
+  if (steps > 0) {
+    std::memcpy(index.farthest_m.data(), text.data() + text.size() - steps * sizeof(float), steps * sizeof(float));
   }
   return index;
 }

@@ -4,7 +4,7 @@
 ///
 ///   head     magic, version, id of the plan
 ///   segments one per tile: blocks of one step each, in the order of the steps
-///   index    the steps and what became of their returns; the segments with their hashes
+///   index    the steps and what became of their returns; the segments with their hashes; the longest ray of each step
 ///   tail     where the index is, its hash, magic
 ///
 /// A block is {step u32, returns u32, own sensors u16, attributes u16}, one sensor position or one per return, then the
@@ -50,6 +50,7 @@ struct ShardIndex {
   std::uint64_t points_in = 0, points_used = 0, truncated_points = 0;
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
   std::vector<ShardSegment> segments;  ///< sorted by tile
+  std::vector<float> farthest_m;       ///< of each step: its longest ray
 };
 
 /// Returns of consecutive steps in memory, by tile.

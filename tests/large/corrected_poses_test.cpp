@@ -3,13 +3,16 @@
 /// tile plan --poses: tiles whose rays moved are made again, the others stay, and the bytes are those of one piece with
 /// the poses in effect, which this test works out by itself. A folder with tiles of both is never merged.
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <fstream>
+#include <iostream>
 #include <limits>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <numbers>
 #include <random>
+#include <sstream>
 
 #include "large/tiled_test.h"
 #include "large/walk_scans.h"

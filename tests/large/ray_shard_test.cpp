@@ -50,6 +50,7 @@ class RayShard : public ::testing::Test {
     index.points_used = 1200;
     index.truncated_points = 3;
     index.dropped[1] = 34;
+    index.farthest_m = {3, 0, 1.5f};
     buffer_.write(file_, kPlan, index);
   }
 
@@ -57,7 +58,7 @@ class RayShard : public ::testing::Test {
     Contents contents;
     const ShardIndex index = readShardIndex(file_, kPlan);
     if (index.first_step != 7 || index.end_step != 10 || index.points_in != 1234 || index.points_used != 1200 ||
-        index.truncated_points != 3 || index.dropped[1] != 34) {
+        index.truncated_points != 3 || index.dropped[1] != 34 || index.farthest_m != std::vector<float>{3, 0, 1.5f}) {
       ADD_FAILURE() << "the index has other numbers";
     }
     RayBlock block;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <numbers>
 #include <set>
 
 #include "accessvdb/error.h"
@@ -153,6 +154,15 @@ double farthestMove_m(const io::ScanRecord& scan, const PosePair& pair, const Ts
   return farthest_m;
 }
 
+/// Of each scan of the flight; nothing where its rays were never sorted.
+std::vector<double> longestRays_m(const OpenJob& open, std::size_t flight) {
+  const auto rays = tiles::binned(open.job.out, open.job.plan);
+  if (!rays || rays->farthest_m.size() != open.job.plan.steps()) return {};
+  auto begin = rays->farthest_m.begin();
+  for (std::size_t n = 0; n < flight; ++n) begin += std::ssize(open.job.plan.flights[n].stamps_s);
+  return {begin, begin + std::ssize(open.job.plan.flights[flight].stamps_s)};
+}
+
 struct Moves {
   std::vector<bool> moved;  ///< of each scan: more than half a voxel
   std::size_t count = 0;
@@ -160,19 +170,22 @@ struct Moves {
   bool stopped = false;
 };
 
-Moves movesOf(io::ScanSequence& now, const std::vector<PosePair>& pairs, const TsdfParams& params,
-              const Messages& messages) {
+/// @param farthest_m  of each scan, or nothing: no return is farther from the sensor
+Moves movesOf(io::ScanSequence& now, const std::vector<PosePair>& pairs, const std::vector<double>& farthest_m,
+              const TsdfParams& params, const Messages& messages) {
   Moves moves;
   const double enough_m = params.voxel_size_m / 2;
   Progress progress(messages, "comparing poses", pairs.size(), ShowShort::No);
   for (std::size_t step = 0; step < pairs.size() && !moves.stopped; ++step) {
     const PosePair& pair = pairs[step];
     const double shift_m = (pair.now.translation() - pair.before.translation()).norm();
-    // Whether the far end of a ray moves is seen in the scan; for most there is no need to look.
+    // Whether the far end of a ray moves is seen in the scan; there is seldom a need to look.
     bool moved = shift_m > enough_m;
     if (!moved && pair.now.matrix() != pair.before.matrix()) {
-      const double turn = (pair.now.linear() - pair.before.linear()).norm();
-      const double most_m = shift_m + (turn > 0 ? turn * params.max_range_m : 0);
+      // Of two rotations, the norm is the square root of 2 times as much as any vector turns.
+      const double turn = (pair.now.linear() - pair.before.linear()).norm() / std::numbers::sqrt2;
+      const double range_m = farthest_m.size() == pairs.size() ? farthest_m[step] : params.max_range_m;
+      const double most_m = shift_m + (turn > 0 ? turn * range_m * (1 + 1e-9) : 0);
       moved = !(most_m <= enough_m) && farthestMove_m(now.read(step), pair, params) > enough_m;
     }
     moves.moved.push_back(moved);
@@ -263,7 +276,7 @@ int correctPoses(const fs::path& out, const MapOptions& options, const FlagParse
   if (now.deskews() || (before && before->deskews())) pairs.clear();  // more than one of each scan
   static_cast<void>(checkAgreement(corrected, open.job.params.tsdf.range_noise_m, now, messages));
 
-  const Moves moves = movesOf(now, pairs, open.job.params.tsdf, messages);
+  const Moves moves = movesOf(now, pairs, longestRays_m(open, n), open.job.params.tsdf, messages);
   if (moves.stopped) return 128 + stopSignal();
   const std::string most = "half a voxel, " + numberText(open.job.params.tsdf.voxel_size_m / 2) + " m";
   if (!pairs.empty() && moves.count == 0) {
