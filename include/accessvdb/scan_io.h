@@ -140,6 +140,8 @@ class ACCESSVDB_API ScanSequence {
   /// The pose of a step as it was given, T_W_B, or the one `shift_s` later: without ScanInputOptions::T_B_S and level.
   /// Nothing for clouds in the world frame, and where no pose is at that time.
   [[nodiscard]] std::optional<Eigen::Isometry3d> givenPose(std::size_t step, double shift_s = 0) const;
+  /// ScanRecord::T_W_S of a step, without reading it. Nothing for clouds in the world frame.
+  [[nodiscard]] std::optional<Eigen::Isometry3d> sensorPose(std::size_t step) const;
   [[nodiscard]] std::string path(std::size_t step) const;          ///< the file of a step, without reading it
   [[nodiscard]] const std::vector<std::string>& notices() const;   ///< frame, quaternion order, matching rule, repairs
   [[nodiscard]] const std::vector<ScanWarning>& warnings() const;  ///< not among the notices

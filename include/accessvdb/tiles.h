@@ -12,6 +12,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
 #include <filesystem>
@@ -64,6 +65,8 @@ struct Flight {
   std::vector<PlannedInput> inputs;
   std::vector<double> stamps_s;                               ///< of each step; 0 where unknown
   std::vector<std::pair<std::string, std::string>> settings;  ///< of the caller, to open the scans again
+  /// File of poses in the plan's folder that counts instead of those that the settings name; empty: none.
+  std::string poses_in_effect, poses_in_effect_sha256;
 };
 
 /// What is mapped. Two runs with equal plans make equal files.
@@ -87,6 +90,7 @@ struct ACCESSVDB_API Plan {
   /// The plan's id after each flight: what was made before the next one was appended is still right where that brought
   /// no returns. Filled by identified().
   std::vector<std::string> ids;
+  std::string method_id;  ///< the same without any flight: what else a tile's files are made from
 };
 [[nodiscard]] ACCESSVDB_API Plan identified(Plan plan);
 
@@ -124,6 +128,9 @@ struct TileReturns {
   TileId id;
   std::uint64_t returns = 0;
   std::uint32_t flights = 1;  ///< up to and including the last one that brought a return
+  /// Hash of all that the tile's files are made from: its returns, and the plan without its flights. A tile of an
+  /// earlier plan with the same one is still right. Empty where the returns were never on disk (RollingField).
+  std::string content = {};
 };
 
 /// What went into the rays of a plan.
@@ -133,6 +140,8 @@ struct Binned {
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
   std::vector<io::InputFile> inputs;    ///< the scans, with their hashes
   std::vector<TileReturns> returns_of;  ///< most first
+  /// Of each step the distance that no return is farther from its sensor than, metres; empty where it is not known.
+  std::vector<double> farthest_m = {};
 };
 
 /// A plan in its folder, with the tools and the parameters that it was made from.
@@ -162,6 +171,7 @@ struct RunLimits {
 /// One finished tile, as its manifest tile.json says.
 struct Tile {
   TileId id;
+  std::string content;  ///< TileReturns::content of the whole tile
   std::string device;
   std::uint64_t returns = 0, points = 0, leaves = 0;
   std::array<std::uint64_t, kNumPointLabels> labels = {};
@@ -206,6 +216,21 @@ ACCESSVDB_API void requireOwnFolders(const std::filesystem::path& out);
 ACCESSVDB_API void removePlan(const std::filesystem::path& out);
 /// Deletes what killed processes left among the tiles.
 ACCESSVDB_API void removeLeftovers(const std::filesystem::path& out);
+/// Deletes tiles that the finished map does not have: corrected poses moved their returns elsewhere, or they are
+/// quarters of one that is whole now. One with files of others stays. @param status  with nothing to do
+ACCESSVDB_API void removeOutdated(const std::filesystem::path& out, const Status& status);
+
+/// Where a scan was taken from.
+struct ScanPose {
+  std::string file;               ///< name of the scan's file, without its folder; empty for a recording
+  std::optional<double> stamp_s;  ///< all of them have one, or it is left out
+  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+};
+/// Writes a pose file, from which every bit is read back, into the folder of a plan, under a name that is not taken. It
+/// stays there.
+/// @return its name; empty if it cannot say which scan is which  @throws OutputError
+[[nodiscard]] ACCESSVDB_API std::string writePosesInEffect(const std::filesystem::path& out,
+                                                           std::vector<ScanPose> poses);
 
 /// Writes field.json, which lists the finished tiles and names the others.
 ACCESSVDB_API void writeIndex(const std::filesystem::path& out, const Plan& plan, const Status& status);

@@ -228,6 +228,18 @@ void requireOwnFolders(const fs::path& out) {
   for (const OwnFiles& own : {ownRays(out), ownTiles(out), manifests}) refuseForeign(own);
 }
 
+void removeOutdated(const fs::path& out, const Status& status) {
+  if (!status.todo.empty() || status.done.empty()) return;
+  std::set<std::string> current;
+  for (const Tile& tile : status.done) current.insert(tile.id.name());
+  for (const fs::path& entry : entriesOf(out / "tiles")) {
+    const std::string name = entry.filename().string();
+    if (!isRealFolder(entry) || !isTileName(name) || current.contains(name)) continue;
+    if (!objectIn(entry / kTileManifest).contains("files") || ownFilesOfTile(entry).foreign) continue;
+    removeTile(out, TileId::parse(name));
+  }
+}
+
 void removePlan(const fs::path& out) {
   requireOwnFolders(out);
   // The plan last: while it is there, the rest is known to belong to it.

@@ -33,6 +33,14 @@ std::uint64_t addTo(ShardBuffer& buffer, std::uint32_t step, StepSorter& sorter,
   return stored;
 }
 
+float longestRay_m(const internal::GatedScan& scan) {
+  float longest_m = 0;
+  for (std::size_t n = 0; n < scan.p_L.size(); ++n) {
+    longest_m = std::max(longest_m, (scan.p_L[n] - scan.q_L[scan.q_L.size() > 1 ? n : 0]).norm());
+  }
+  return longest_m;
+}
+
 /// Reads steps and writes shards.
 class Binner {
  public:
@@ -90,6 +98,7 @@ class Binner {
                                           ? gate_.gate(record.points_S, record.T_W_S, stats, attributes)
                                           : gate_.gate(record.points_W, record.origins_W, stats, attributes);
     if (!scan.p_L.empty()) addTo(buffer_, step, sorter_, scan);
+    index.farthest_m.push_back(longestRay_m(scan));
     index.points_in += stats.points_in;
     index.points_used += stats.points_used;
     index.truncated_points += record.truncated_points;
@@ -137,6 +146,9 @@ std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& befo
                                  : known != sha256_.end() ? known->second
                                                           : io::sha256OfFile(input.path);
       inputs.push_back({input.path, sha256});
+    }
+    if (!flight.poses_in_effect.empty()) {
+      inputs.push_back({(job_.out / flight.poses_in_effect).string(), flight.poses_in_effect_sha256});
     }
   }
   for (std::size_t n = 0; n < before.size() && n < inputs.size(); ++n) {

@@ -3,6 +3,7 @@
 #include "tiles/ray_files.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include "accessvdb/error.h"
@@ -75,9 +76,11 @@ std::optional<Binned> binned(const fs::path& out, const Plan& plan) {
           .at(accessvdb::name(static_cast<DropReason>(n)))
           .get_to(result.dropped[static_cast<std::size_t>(n)]);
     }
+    if (json.contains("farthest_m")) json.at("farthest_m").get_to(result.farthest_m);
     for (const Json& input : json.at("inputs")) result.inputs.push_back({input.at("path"), input.at("sha256")});
     for (const Json& tile : json.at("tiles")) {
-      result.returns_of.push_back({{tile.at(0), tile.at(1), {}}, tile.at(2), tile.at(3)});
+      result.returns_of.push_back({{tile.at(0), tile.at(1), {}}, tile.at(2), tile.at(3), {}});
+      if (tile.size() > 4) tile.at(4).get_to(result.returns_of.back().content);
     }
   });
   if (!found) return std::nullopt;
@@ -98,6 +101,14 @@ std::vector<ShardRange> missingShards(const fs::path& out, const Plan& plan) {
 
 namespace {
 
+/// What a tile's files are made from, as one hash.
+std::string contentOf(const Plan& plan, const RayDigest& returns) {
+  internal::Sha256 sha256;
+  sha256.update(plan.method_id.data(), plan.method_id.size());
+  sha256.update(returns.data(), sizeof returns);
+  return internal::hexOf(sha256.digest());
+}
+
 void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, const Json& shards) {
   Json dropped = Json::object(), files = Json::array(), list = Json::array();
   for (int n = 0; n < kNumDropReasons; ++n) {
@@ -105,7 +116,7 @@ void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, 
   }
   for (const io::InputFile& input : result.inputs) files.push_back({{"path", input.path}, {"sha256", input.sha256}});
   for (const TileReturns& tile : result.returns_of) {
-    list.push_back({tile.id.x, tile.id.y, tile.returns, tile.flights});
+    list.push_back({tile.id.x, tile.id.y, tile.returns, tile.flights, tile.content});
   }
   writeJson(manifestFile(out), {{"plan", plan.id()},
                                 {"steps", result.steps},
@@ -116,6 +127,7 @@ void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, 
                                 {"returns_stored", result.returns_stored},
                                 {"bytes", result.bytes},
                                 {"shards", shards},
+                                {"farthest_m", result.farthest_m},
                                 {"inputs", files},
                                 {"tiles", list}});
 }
@@ -128,6 +140,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
   result.inputs = inputs;
   result.steps = plan.steps();
   std::map<TileIndex, TileReturns> tiles;
+  std::map<TileIndex, RayDigest> digests;
   Json shards = Json::array();
   for (std::uint64_t step = 0; step < result.steps;) {
     const fs::path file = raysFolder(out) / shardName(step);
@@ -137,10 +150,15 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     result.points_used += index.points_used;
     result.truncated_points += index.truncated_points;
     for (std::size_t n = 0; n < index.dropped.size(); ++n) result.dropped[n] += index.dropped[n];
+    // What is stored was rounded; in whole millimetres the list is short.
+    for (const float longest_m : index.farthest_m) {
+      result.farthest_m.push_back(std::ceil(1000 * (longest_m * (1 + 1e-6)) + 0.1) / 1000);
+    }
     for (const ShardSegment& segment : index.segments) {
       TileReturns& tile = tiles[segment.tile];
       tile.id = {segment.tile.first, segment.tile.second, {}};
       tile.returns += segment.returns;
+      tiles::add(digests[segment.tile], segment.digest);
       tile.flights = static_cast<std::uint32_t>(plan.flightOf(step) + 1);
       result.returns_stored += segment.returns;
     }
@@ -149,7 +167,10 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     shards.push_back({{"first_step", index.first_step}, {"end_step", index.end_step}, {"bytes", bytes}});
     step = index.end_step;
   }
-  for (const auto& [index, tile] : tiles) result.returns_of.push_back(tile);
+  for (auto& [index, tile] : tiles) {
+    tile.content = contentOf(plan, digests[index]);
+    result.returns_of.push_back(tile);
+  }
   std::stable_sort(result.returns_of.begin(), result.returns_of.end(),
                    [](const TileReturns& a, const TileReturns& b) { return a.returns > b.returns; });
 

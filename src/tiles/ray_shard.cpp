@@ -17,7 +17,7 @@ static_assert(std::endian::native == std::endian::little, "values are copied dir
 
 constexpr std::size_t kLeastChunkBytes = 512, kMostChunkBytes = std::size_t{64} << 10;
 constexpr std::array<char, 8> kMagic = {'A', 'V', 'D', 'B', 'R', 'A', 'Y', 'S'};
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;
 constexpr std::uint64_t kMostIndexBytes = std::uint64_t{1} << 30;
 
 struct Head {
@@ -42,7 +42,7 @@ struct IndexHead {
 struct IndexEntry {
   std::int32_t x = 0, y = 0;
   std::uint64_t begin = 0, bytes = 0, returns = 0;
-  Digest sha256 = {};
+  RayDigest digest = {};
 };
 static_assert(sizeof(BlockHead) == 12 && sizeof(Eigen::Vector3f) == 12 && sizeof(IndexEntry) == 64);
 
@@ -56,12 +56,18 @@ Digest digestOf(const void* data, std::size_t bytes) {
   return sha256.digest();
 }
 
+RayDigest digestOf(internal::Sha256& block) { return std::bit_cast<RayDigest>(block.digest()); }
+
 template <typename T>
 void put(std::ostream& stream, const T& value) {
   stream.write(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
 }  // namespace
+
+void add(RayDigest& sum, const RayDigest& more) {
+  for (std::size_t n = 0; n < sum.size(); ++n) sum[n] += more[n];
+}
 
 std::string shardName(std::uint64_t first_step) {
   std::string digits = std::to_string(first_step);
@@ -76,7 +82,8 @@ bool beginsAsShard(const std::filesystem::path& file) {
   return stream && beginning == kMagic;
 }
 
-void ShardBuffer::append(Rays& rays, const void* data, std::size_t bytes) {
+void ShardBuffer::append(Rays& rays, internal::Sha256& block, const void* data, std::size_t bytes) {
+  block.update(data, bytes);
   const auto* from = static_cast<const std::byte*>(data);
   while (bytes > 0) {
     if (rays.chunks.empty() || rays.chunks.back().used == rays.chunks.back().size) {
@@ -101,10 +108,12 @@ void ShardBuffer::add(const TileIndex& tile, std::uint32_t step, std::span<const
   const BlockHead head = {step, static_cast<std::uint32_t>(p_L.size()),
                           static_cast<std::uint16_t>(q_L.size() > 1 ? 1 : 0),
                           static_cast<std::uint16_t>(attributes.size() / p_L.size())};
-  append(rays, &head, sizeof head);
-  append(rays, q_L.data(), q_L.size_bytes());
-  append(rays, p_L.data(), p_L.size_bytes());
-  if (!attributes.empty()) append(rays, attributes.data(), attributes.size_bytes());
+  internal::Sha256 block;
+  append(rays, block, &head, sizeof head);
+  append(rays, block, q_L.data(), q_L.size_bytes());
+  append(rays, block, p_L.data(), p_L.size_bytes());
+  if (!attributes.empty()) append(rays, block, attributes.data(), attributes.size_bytes());
+  tiles::add(rays.digest, digestOf(block));
   rays.returns += p_L.size();
 }
 
@@ -116,22 +125,21 @@ void ShardBuffer::write(const std::filesystem::path& path, const std::string& pl
     std::uint64_t place = sizeof head;
     std::vector<IndexEntry> entries;
     for (const auto& [tile, rays] : tiles_) {
-      internal::Sha256 sha256;
       for (const Chunk& chunk : rays.chunks) {
         stream.write(reinterpret_cast<const char*>(chunk.data.get()), static_cast<std::streamsize>(chunk.used));
-        sha256.update(chunk.data.get(), chunk.used);
       }
-      entries.push_back({tile.first, tile.second, place, rays.bytes, rays.returns, sha256.digest()});
+      entries.push_back({tile.first, tile.second, place, rays.bytes, rays.returns, rays.digest});
       place += rays.bytes;
     }
     const IndexHead index_head = {index.first_step,       index.end_step, index.points_in, index.points_used,
                                   index.truncated_points, index.dropped,  entries.size()};
-    std::vector<char> text(sizeof index_head + entries.size() * sizeof(IndexEntry));
-    std::memcpy(text.data(), &index_head, sizeof index_head);
-    if (!entries.empty()) {  // no address may be null, even for no bytes
-      std::memcpy(text.data() + sizeof index_head, entries.data(), entries.size() * sizeof(IndexEntry));
+    index.farthest_m.resize(index.end_step - index.first_step);
+    const auto bytesOf = [](const auto& values) { return std::as_bytes(std::span(values)); };
+    std::vector<std::byte> text;
+    for (const auto& part : {bytesOf(std::span(&index_head, 1)), bytesOf(entries), bytesOf(index.farthest_m)}) {
+      text.insert(text.end(), part.begin(), part.end());
     }
-    stream.write(text.data(), static_cast<std::streamsize>(text.size()));
+    stream.write(reinterpret_cast<const char*>(text.data()), static_cast<std::streamsize>(text.size()));
     put(stream, Tail{place, text.size(), digestOf(text.data(), text.size()), kMagic});
   });
   tiles_.clear();
@@ -164,7 +172,10 @@ ShardIndex readShardIndex(const std::filesystem::path& path, const std::string& 
   if (!stream || digestOf(text.data(), text.size()) != tail.index_sha256) failDamaged(path, "has a damaged index");
   IndexHead index_head;
   std::memcpy(&index_head, text.data(), sizeof index_head);
-  if (index_head.segments != (text.size() - sizeof index_head) / sizeof(IndexEntry)) {
+  const std::uint64_t steps = index_head.end_step - index_head.first_step;
+  const std::size_t listed = text.size() - sizeof index_head;
+  if (index_head.segments > listed / sizeof(IndexEntry) ||
+      steps != (listed - index_head.segments * sizeof(IndexEntry)) / sizeof(float)) {
     failDamaged(path, "has a damaged index");
   }
   ShardIndex index = {index_head.first_step,
@@ -173,14 +184,18 @@ ShardIndex readShardIndex(const std::filesystem::path& path, const std::string& 
                       index_head.points_used,
                       index_head.truncated_points,
                       index_head.dropped,
-                      {}};
+                      {},
+                      std::vector<float>(steps)};
   for (std::uint64_t n = 0; n < index_head.segments; ++n) {
     IndexEntry entry;
     std::memcpy(&entry, text.data() + sizeof index_head + n * sizeof entry, sizeof entry);
     if (entry.begin > tail.index_begin || entry.bytes > tail.index_begin - entry.begin) {
       failDamaged(path, "has a damaged index");
     }
-    index.segments.push_back({{entry.x, entry.y}, entry.begin, entry.bytes, entry.returns, entry.sha256});
+    index.segments.push_back({{entry.x, entry.y}, entry.begin, entry.bytes, entry.returns, entry.digest});
+  }
+  if (steps > 0) {
+    std::memcpy(index.farthest_m.data(), text.data() + text.size() - steps * sizeof(float), steps * sizeof(float));
   }
   return index;
 }
@@ -192,19 +207,20 @@ SegmentReader::SegmentReader(const std::filesystem::path& path, const ShardSegme
 
 void SegmentReader::fail() const { failDamaged(path_, "does not hold what was written into it"); }
 
-void SegmentReader::take(void* to, std::size_t bytes) {
+void SegmentReader::take(internal::Sha256& block, void* to, std::size_t bytes) {
   if (bytes > left_ || !stream_.read(static_cast<char*>(to), static_cast<std::streamsize>(bytes))) fail();
-  sha256_.update(to, bytes);
+  block.update(to, bytes);
   left_ -= bytes;
 }
 
 bool SegmentReader::next(RayBlock& block) {
   if (left_ == 0) {
-    if (!std::exchange(checked_, true) && sha256_.digest() != segment_.sha256) fail();
+    if (!std::exchange(checked_, true) && digest_ != segment_.digest) fail();
     return false;
   }
+  internal::Sha256 bytes;
   BlockHead head;
-  take(&head, sizeof head);
+  take(bytes, &head, sizeof head);
   const std::uint64_t sensors = head.own_sensors != 0 ? head.returns : 1;
   const std::uint64_t attributes = std::uint64_t{head.returns} * head.attributes;
   if (head.returns == 0 ||
@@ -214,10 +230,11 @@ bool SegmentReader::next(RayBlock& block) {
   block.step = head.step;
   block.q_L.resize(sensors);
   block.p_L.resize(head.returns);
-  take(block.q_L.data(), block.q_L.size() * sizeof(Eigen::Vector3f));
-  take(block.p_L.data(), block.p_L.size() * sizeof(Eigen::Vector3f));
+  take(bytes, block.q_L.data(), block.q_L.size() * sizeof(Eigen::Vector3f));
+  take(bytes, block.p_L.data(), block.p_L.size() * sizeof(Eigen::Vector3f));
   block.attributes.resize(attributes);
-  if (attributes > 0) take(block.attributes.data(), attributes * sizeof(std::int32_t));
+  if (attributes > 0) take(bytes, block.attributes.data(), attributes * sizeof(std::int32_t));
+  tiles::add(digest_, digestOf(bytes));
   return true;
 }
 

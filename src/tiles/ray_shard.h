@@ -4,12 +4,15 @@
 ///
 ///   head     magic, version, id of the plan
 ///   segments one per tile: blocks of one step each, in the order of the steps
-///   index    the steps and what became of their returns; the segments with their hashes
+///   index    the steps and what became of their returns; the segments with their hashes; the longest ray of each step
 ///   tail     where the index is, its hash, magic
 ///
 /// A block is {step u32, returns u32, own sensors u16, attributes u16}, one sensor position or one per return, then the
 /// positions; all are float32 in the local frame, metres, little endian: 12 bytes per return, 24 with own sensors. Last
 /// comes what the returns carry, 4 bytes each.
+///
+/// The hash of a segment is the sum of its blocks' hashes (RayDigest), so that the sum over all shards is the same
+/// wherever one shard ends and the next begins.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,10 +34,14 @@ namespace accessvdb::tiles {
 using TileIndex = std::pair<std::int32_t, std::int32_t>;  ///< x, y
 using Digest = internal::Sha256::Digest;
 
+/// Of blocks, each of which names its step and so occurs once: sums of their SHA-256 as four numbers of 64 bits.
+using RayDigest = std::array<std::uint64_t, 4>;
+void add(RayDigest& sum, const RayDigest& more);
+
 struct ShardSegment {
   TileIndex tile;
   std::uint64_t begin = 0, bytes = 0, returns = 0;
-  Digest sha256 = {};
+  RayDigest digest = {};
 };
 
 /// What a shard says of itself.
@@ -43,6 +50,7 @@ struct ShardIndex {
   std::uint64_t points_in = 0, points_used = 0, truncated_points = 0;
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
   std::vector<ShardSegment> segments;  ///< sorted by tile
+  std::vector<float> farthest_m;       ///< of each step: its longest ray
 };
 
 /// Returns of consecutive steps in memory, by tile.
@@ -63,8 +71,9 @@ class ShardBuffer {
   struct Rays {
     std::vector<Chunk> chunks;
     std::uint64_t bytes = 0, returns = 0;
+    RayDigest digest = {};
   };
-  void append(Rays& rays, const void* data, std::size_t bytes);
+  void append(Rays& rays, internal::Sha256& block, const void* data, std::size_t bytes);
   std::map<TileIndex, Rays> tiles_;
   std::uint64_t bytes_ = 0;
 };
@@ -88,12 +97,12 @@ class SegmentReader {
   [[noreturn]] void fail() const;
 
  private:
-  void take(void* to, std::size_t bytes);
+  void take(internal::Sha256& block, void* to, std::size_t bytes);
   std::filesystem::path path_;
   ShardSegment segment_;
   std::ifstream stream_;
   std::uint64_t left_;
-  internal::Sha256 sha256_;
+  RayDigest digest_ = {};
   bool checked_ = false;
 };
 

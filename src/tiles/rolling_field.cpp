@@ -763,7 +763,7 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
       written.seconds = watch.milliseconds() / 1000;
       written.peak_bytes = peakMemoryBytes();
       tiles::writeTile(folder.path(), plan, written);
-      folder.putInPlace(plan, 1);
+      folder.putInPlace(plan, {written.id, written.returns, 1});
       status.done.push_back(std::move(written));
     });
   }

@@ -54,6 +54,16 @@ bool isOf(const Plan& plan, std::size_t flights, const std::string& id) {
   return std::find(plan.ids.begin() + static_cast<std::ptrdiff_t>(flights) - 1, plan.ids.end(), id) != plan.ids.end();
 }
 
+std::string contentIn(const Json& json) { return json.value("content", std::string()); }
+
+/// Whether what says this was made from the same returns in the same way, be it by a plan with other poses. Where the
+/// returns were never on disk, by the same plan.
+bool isOf(const Plan& plan, std::size_t flights, const std::string& content, const Json& json) {
+  const std::string made_from = contentIn(json);
+  const bool known = !content.empty() && !made_from.empty();
+  return known ? made_from == content : isOf(plan, flights, json.at("plan"));
+}
+
 }  // namespace
 
 void removeAttempts(const fs::path& out) {
@@ -69,14 +79,15 @@ void removeAttempts(const fs::path& out) {
 
 fs::path tileFolder(const fs::path& out, const TileId& id) { return tilesFolder(out) / id.name(); }
 
-std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId& id, std::uint32_t flights) {
+std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId& id, const TileReturns& whole) {
   const fs::path manifest = tileFolder(out, id) / kTileManifest;
   if (!io::isThere(manifest)) return std::nullopt;
   Tile tile;
   tile.id = id;
   bool same = false;
   readJson(manifest, "tile", [&](const Json& json) {
-    same = isOf(plan, flights, json.at("plan")) && json.at("tile") == id.name();
+    same = isOf(plan, whole.flights, whole.content, json) && json.at("tile") == id.name();
+    tile.content = contentIn(json);
     json.at("device").get_to(tile.device);
     json.at("returns").get_to(tile.returns);
     json.at("points").get_to(tile.points);
@@ -113,6 +124,7 @@ void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
   const FieldWindow window = tile.id.window(plan.tile_voxels);
   writeJson(folder / kTileManifest, {{"plan", plan.id()},
                                      {"tile", tile.id.name()},
+                                     {"content", tile.content},
                                      {"core_low", window.core_low},
                                      {"core_high", window.core_high},
                                      {"device", tile.device},
@@ -144,16 +156,16 @@ void removeTile(const fs::path& out, const TileId& id) {
   removeOwn(ownFilesOfTile(aside));
 }
 
-bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {
+bool isSplit(const fs::path& out, const Plan& plan, const TileId& id, const TileReturns& whole) {
   if (!io::isThere(splitMark(out, id))) return false;
   bool same = false;
-  readJson(splitMark(out, id), "tile", [&](const Json& json) { same = isOf(plan, 1, json.at("plan")); });
+  readJson(splitMark(out, id), "tile", [&](const Json& json) { same = isOf(plan, 1, whole.content, json); });
   return same;
 }
 
-void markSplit(const fs::path& out, const Plan& plan, const TileId& id) {
+void markSplit(const fs::path& out, const Plan& plan, const TileId& id, const TileReturns& whole) {
   fs::create_directories(tilesFolder(out));
-  writeJson(splitMark(out, id), {{"plan", plan.id()}, {"tile", id.name()}});
+  writeJson(splitMark(out, id), {{"plan", plan.id()}, {"tile", id.name()}, {"content", whole.content}});
   removePoison(out, id);
 }
 
@@ -199,13 +211,14 @@ AttemptFolder::~AttemptFolder() {
   if (lock_ >= 0) ::close(lock_);
 }
 
-void AttemptFolder::putInPlace(const Plan& plan, std::uint32_t flights) {
+void AttemptFolder::putInPlace(const Plan& plan, const TileReturns& whole) {
   const fs::path target = tileFolder(out_, id_);
   std::error_code error;
   fs::rename(path_, target, error);
   if (error && io::isTaken(target, ErrorCode::Output)) {
-    if (readTile(out_, plan, id_, flights)) return;
-    // Left by an older plan, or from before the last flight. A rename takes it away at once, so nobody sees half of it.
+    if (readTile(out_, plan, id_, whole)) return;
+    // Left by an older plan, from before the last flight, or of other poses. A rename takes it away at once, so nobody
+    // sees half of it.
     const OwnFiles before = ownFilesOfTile(target);
     refuseForeign(before);
     const fs::path aside = path_.string() + "-replaced";

@@ -22,19 +22,22 @@ inline constexpr const char* kTileManifest = "tile.json";
 
 [[nodiscard]] std::filesystem::path tileFolder(const std::filesystem::path& out, const TileId& id);
 
-/// @param flights  up to and including the last one that brought the tile a return: TileReturns::flights
-/// @return nothing if it is not finished, of another plan, or older than its last flight
-/// @throws InputError "tile.damaged"
+/// @param id     of the tile, or of a part of it
+/// @param whole  its returns, which the files must be made from
+/// @return nothing if it is not finished, or made from others: of another plan, older than its last flight, or before
+///         its poses were corrected  @throws InputError "tile.damaged"
 [[nodiscard]] std::optional<Tile> readTile(const std::filesystem::path& out, const Plan& plan, const TileId& id,
-                                           std::uint32_t flights);
+                                           const TileReturns& whole);
 /// @param folder  where the tile's files are until they are complete
 void writeTile(const std::filesystem::path& folder, const Plan& plan, const Tile& tile);
 
 /// Takes the folder of a finished tile away, as a whole, and deletes it. @throws OutputError "output.foreign"
 void removeTile(const std::filesystem::path& out, const TileId& id);
 
-[[nodiscard]] bool isSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
-void markSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
+/// @param whole  as of readTile()
+[[nodiscard]] bool isSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id,
+                           const TileReturns& whole);
+void markSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id, const TileReturns& whole);
 /// Left beside the tiles by who has given this one up, until it is finished or split.
 /// @throws InputError "tile.damaged"
 [[nodiscard]] std::optional<Poison> readPoison(const std::filesystem::path& out, const TileId& id);
@@ -54,7 +57,7 @@ class AttemptFolder {
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   /// Gives the folder its final name. If another process was faster, its files stay: they are the same.
-  void putInPlace(const Plan& plan, std::uint32_t flights);
+  void putInPlace(const Plan& plan, const TileReturns& whole);
 
  private:
   std::filesystem::path out_, path_;

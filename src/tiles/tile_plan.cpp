@@ -30,7 +30,12 @@ Json flightContent(const Flight& flight) {
   for (const PlannedInput& input : flight.inputs) {
     inputs.push_back({{"path", input.path}, {"bytes", input.bytes}, {"sha256", input.sha256}});
   }
-  return {{"options", flight.options}, {"inputs", inputs}};
+  Json content = {{"options", flight.options}, {"inputs", inputs}};
+  if (!flight.poses_in_effect.empty()) {
+    content["poses_in_effect"] = flight.poses_in_effect;
+    content["poses_in_effect_sha256"] = flight.poses_in_effect_sha256;
+  }
+  return content;
 }
 
 /// What determines the results, in the order in which differences are to be named.
@@ -108,7 +113,7 @@ std::size_t Plan::flightOf(std::uint64_t step) const {
 
 Plan identified(Plan plan) {
   plan.ids.clear();
-  for (std::size_t flights = 1; flights <= plan.flights.size(); ++flights) {
+  for (std::size_t flights = 0; flights <= plan.flights.size(); ++flights) {
     std::string text;
     try {
       text = content(plan, flights).dump();
@@ -118,7 +123,12 @@ Plan identified(Plan plan) {
     }
     internal::Sha256 sha256;
     sha256.update(text.data(), text.size());
-    plan.ids.push_back(internal::hexOf(sha256.digest()));
+    std::string id = internal::hexOf(sha256.digest());
+    if (flights == 0) {
+      plan.method_id = std::move(id);
+    } else {
+      plan.ids.push_back(std::move(id));
+    }
   }
   return plan;
 }
@@ -197,6 +207,10 @@ Plan readPlan(const std::filesystem::path& out) {
       for (const Json& input : from.at("inputs")) {
         flight.inputs.push_back({input.at("path"), input.at("bytes"), input.at("sha256")});
       }
+      if (from.contains("poses_in_effect")) {
+        from.at("poses_in_effect").get_to(flight.poses_in_effect);
+        from.at("poses_in_effect_sha256").get_to(flight.poses_in_effect_sha256);
+      }
       from.at("stamps_s").get_to(flight.stamps_s);
       for (const Json& setting : from.at("settings")) flight.settings.emplace_back(setting.at(0), setting.at(1));
       plan.flights.push_back(std::move(flight));
@@ -212,9 +226,10 @@ Plan readPlan(const std::filesystem::path& out) {
 }
 
 void requireSame(const Plan& wanted, const Plan& found, const std::filesystem::path& out) {
-  const auto refuse = [&](const std::string& difference) {
-    throw UnusableInput("plan.changed", out.string(), "holds tiles of another run: " + difference,
-                        "Use the same scans, tool and parameters, another folder, or tiles::removePlan");
+  const auto refuse = [&](const std::string& difference, const char* cure = "") {
+    throw UnusableInput(
+        "plan.changed", out.string(), "holds tiles of another run: " + difference,
+        std::string("Use the same scans, tool and parameters, another folder, or tiles::removePlan") + cure);
   };
   if (wanted.program != found.program) refuse("version " + found.program + " instead of " + wanted.program);
   if (wanted.parameters != found.parameters) refuse(firstDifference(found.parameters, wanted.parameters));
@@ -226,13 +241,20 @@ void requireSame(const Plan& wanted, const Plan& found, const std::filesystem::p
   for (std::size_t n = 0; n < wanted.flights.size(); ++n) {
     const Flight &now = wanted.flights[n], &then = found.flights[n];
     if (now.options != then.options) refuse(firstDifference(then.options, now.options));
+    if (now.poses_in_effect != then.poses_in_effect) {
+      refuse("its poses were corrected", "; what is left of it is done by accessvdb tile bin, run and merge");
+    }
     if (now.inputs.size() != then.inputs.size()) {
       refuse(std::to_string(then.inputs.size()) + " input files instead of " + std::to_string(now.inputs.size()));
     }
     for (std::size_t k = 0; k < now.inputs.size(); ++k) {
       const PlannedInput &file = now.inputs[k], &before = then.inputs[k];
-      if (file.path != before.path) refuse("input " + before.path + " instead of " + file.path);
-      if (file.bytes != before.bytes || file.sha256 != before.sha256) refuse(file.path + " has changed since");
+      const char* const cure =
+          before.sha256.empty()
+              ? ""
+              : "; with corrected poses, accessvdb tile plan OUT ScanInputOptions::poses FILE goes on";
+      if (file.path != before.path) refuse("input " + before.path + " instead of " + file.path, cure);
+      if (file.bytes != before.bytes || file.sha256 != before.sha256) refuse(file.path + " has changed since", cure);
     }
   }
   if (wanted.id() != found.id()) refuse("tiles of another size");

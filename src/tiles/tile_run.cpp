@@ -56,7 +56,7 @@ struct Run {
   const Job& job;
   const RunLimits& limits;
   const Watch& watch;
-  std::uint32_t flights;  ///< TileReturns::flights
+  const TileReturns& whole;
 };
 
 /// One attempt at one tile.
@@ -65,6 +65,7 @@ class TileRun {
   TileRun(const Run& run, const TileId& id)
       : run_(run), job_(run.job), tables_(toolTableBytes(job_.tools, job_.params)) {
     tile_.id = id;
+    tile_.content = run.whole.content;
   }
 
   /// @throws DoesNotFit, Stopped
@@ -86,7 +87,7 @@ class TileRun {
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakMemoryBytes();
     writeTile(folder.path(), job_.plan, tile_);
-    folder.putInPlace(job_.plan, run_.flights);
+    folder.putInPlace(job_.plan, run_.whole);
     return tile_;
   }
 
@@ -187,14 +188,14 @@ bool isAsWritten(const fs::path& out, const Tile& tile) {
 
 void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
   const Job& job = run.job;
-  if (const auto tile = readTile(job.out, job.plan, id, run.flights)) {
+  if (const auto tile = readTile(job.out, job.plan, id, run.whole)) {
     if (isAsWritten(job.out, *tile)) {
       done.push_back(*tile);
       return;
     }
     removeTile(job.out, id);
   }
-  if (!isSplit(job.out, job.plan, id)) {
+  if (!isSplit(job.out, job.plan, id, run.whole)) {
     requireRoomForTool(job, run.limits);
     const auto reason = attempt(run, id, done);
     if (!reason) return;
@@ -203,15 +204,15 @@ void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
                           *reason + ", and is already the smallest that the tool allows",
                           "Allow more memory, or use a larger voxel");
     }
-    markSplit(job.out, job.plan, id);
+    markSplit(job.out, job.plan, id, run.whole);
   }
   for (const TileId& quarter : id.split()) runInto(run, quarter, done);
 }
 
 void statusOf(const fs::path& out, const Plan& plan, const TileReturns& whole, const TileId& id, Status& status) {
-  if (const auto tile = readTile(out, plan, id, whole.flights)) {
+  if (const auto tile = readTile(out, plan, id, whole)) {
     status.done.push_back(*tile);
-  } else if (isSplit(out, plan, id)) {
+  } else if (isSplit(out, plan, id, whole)) {
     ++status.split;
     for (const TileId& quarter : id.split()) statusOf(out, plan, whole, quarter, status);
   } else {
@@ -238,11 +239,11 @@ std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, c
   // Who asks for a quarter has seen that the whole does not fit.
   for (std::size_t levels = 0; levels < which.quarters.size(); ++levels) {
     const TileId parent = {which.x, which.y, which.quarters.substr(0, levels)};
-    if (!isSplit(job.out, job.plan, parent)) markSplit(job.out, job.plan, parent);
+    if (!isSplit(job.out, job.plan, parent, *whole)) markSplit(job.out, job.plan, parent, *whole);
   }
   std::vector<Tile> done;
   try {
-    runInto({job, limits, watch, whole->flights}, which, done);
+    runInto({job, limits, watch, *whole}, which, done);
   } catch (const Stopped&) {
   }
   return done;

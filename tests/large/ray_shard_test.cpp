@@ -50,6 +50,7 @@ class RayShard : public ::testing::Test {
     index.points_used = 1200;
     index.truncated_points = 3;
     index.dropped[1] = 34;
+    index.farthest_m = {3, 0, 1.5f};
     buffer_.write(file_, kPlan, index);
   }
 
@@ -57,7 +58,7 @@ class RayShard : public ::testing::Test {
     Contents contents;
     const ShardIndex index = readShardIndex(file_, kPlan);
     if (index.first_step != 7 || index.end_step != 10 || index.points_in != 1234 || index.points_used != 1200 ||
-        index.truncated_points != 3 || index.dropped[1] != 34) {
+        index.truncated_points != 3 || index.dropped[1] != 34 || index.farthest_m != std::vector<float>{3, 0, 1.5f}) {
       ADD_FAILURE() << "the index has other numbers";
     }
     RayBlock block;
@@ -106,6 +107,25 @@ TEST_F(RayShard, IsReadBack) {
   write();
   EXPECT_TRUE(read() == written_);
   EXPECT_EQ(buffer_.bytes(), 0u);
+}
+
+/// A tile's hash does not depend on where shards end, and does on every step and return.
+TEST_F(RayShard, HashesOfPartsAddUp) {
+  const auto sumOf = [&](const std::vector<std::vector<std::uint32_t>>& shards, int returns) {
+    RayDigest sum = {};
+    for (const std::vector<std::uint32_t>& steps : shards) {
+      for (const std::uint32_t step : steps) add({0, 0}, step, returns, step % 2 == 1);
+      write();
+      for (const ShardSegment& segment : readShardIndex(file_, kPlan).segments) tiles::add(sum, segment.digest);
+    }
+    return sum;
+  };
+  const RayDigest whole = sumOf({{7, 8, 9}}, 5);
+  EXPECT_EQ(sumOf({{7}, {8, 9}}, 5), whole);
+  EXPECT_EQ(sumOf({{7, 8}, {}, {9}}, 5), whole);
+  EXPECT_NE(sumOf({{7, 8}}, 5), whole);
+  EXPECT_NE(sumOf({{7, 8, 10}}, 5), whole);
+  EXPECT_NE(sumOf({{7, 8, 9}}, 6), whole);
 }
 
 TEST_F(RayShard, AShardWithoutReturnsIsReadBack) {

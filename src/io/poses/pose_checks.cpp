@@ -13,6 +13,9 @@ namespace {
 
 /// Rounding of what was meant to be zero.
 constexpr double kZero = 1e-6;
+/// A rotation in double precision is off by less. It stays as it is, so that poses that were written with all digits
+/// are read back with the same bits.
+constexpr double kRounding = 1e-14;
 
 std::string shortNumber(double value) {
   char text[32];
@@ -72,9 +75,12 @@ Eigen::Isometry3d PoseChecker::fromMatrix(const Eigen::Matrix<double, 3, 4>& m, 
                             ", determinant " + shortNumber(r.determinant()) + ")",
                         "Check the order of the numbers and the pose format");
   if (error > kRotationSilent) repaired(error, line);
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(r, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  pose.linear() = svd.matrixU() * svd.matrixV().transpose();
+  pose.linear() = r;
+  if (error > kRounding) {
+    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(r, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    pose.linear() = svd.matrixU() * svd.matrixV().transpose();
+  }
   pose.translation() = m.col(3);
   return pose;
 }

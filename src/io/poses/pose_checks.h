@@ -40,7 +40,7 @@ class PoseChecker {
   /// @param line  for messages; 0 = no line
   /// @throws UnusableInput "poses.non_finite", "poses.bad_quaternion"
   Eigen::Isometry3d fromQuaternion(const Eigen::Vector3d& t, const Eigen::Vector4d& q, std::size_t line);
-  /// @param m  [R t]; R is replaced by the nearest rotation
+  /// @param m  [R t]; R is replaced by the nearest rotation, unless it is one but for rounding
   /// @throws UnusableInput "poses.non_finite", "poses.bad_rotation"
   Eigen::Isometry3d fromMatrix(const Eigen::Matrix<double, 3, 4>& m, std::size_t line);
 

@@ -371,6 +371,13 @@ std::optional<Eigen::Isometry3d> RecordingSteps::givenPose(std::size_t step, dou
   return T_W_B;
 }
 
+std::optional<Eigen::Isometry3d> RecordingSteps::sensorPose(std::size_t step) const {
+  const IndexedCloud& cloud = steps_.at(step);
+  const auto posed = uses_[cloud.frame].registered ? std::nullopt : poseOf(cloud);
+  if (!posed) return std::nullopt;
+  return posed->T_W_sensor;
+}
+
 ScanRecord RecordingSteps::read(std::size_t step) {
   const IndexedCloud& indexed = steps_.at(step);
   const std::optional<Posed> posed = poseOf(indexed);

@@ -29,6 +29,8 @@ class RecordingSteps {
   [[nodiscard]] double stamp_s(std::size_t step) const { return seconds(steps_.at(step).stamp_ns); }
   /// As ScanSequence::givenPose().
   [[nodiscard]] std::optional<Eigen::Isometry3d> givenPose(std::size_t step, double shift_s) const;
+  /// As ScanSequence::sensorPose().
+  [[nodiscard]] std::optional<Eigen::Isometry3d> sensorPose(std::size_t step) const;
   [[nodiscard]] const std::filesystem::path& path(std::size_t step) const { return files_[steps_.at(step).file]; }
   [[nodiscard]] bool deskews() const { return scale_.has_value(); }
   [[nodiscard]] const std::string& rule() const { return rule_; }

@@ -472,6 +472,13 @@ std::optional<Eigen::Isometry3d> ScanSequence::givenPose(std::size_t step, doubl
   return impl_->givenPose(step, shift_s);
 }
 
+std::optional<Eigen::Isometry3d> ScanSequence::sensorPose(std::size_t step) const {
+  impl_->checkStep(step);
+  if (impl_->recording) return impl_->recording->sensorPose(step);
+  if (impl_->clouds) return std::nullopt;
+  return impl_->poses[step].T_W_S;
+}
+
 bool ScanSequence::deskews() const { return impl_->recording ? impl_->recording->deskews() : impl_->scale.has_value(); }
 
 std::string ScanSequence::path(std::size_t step) const {

@@ -126,6 +126,30 @@ TEST(PoseFiles, RepairsSmallErrorsAndSaysSo) {
   EXPECT_TRUE(matrix.poses.at(0).T_W_S.linear().isIdentity(1e-12));
 }
 
+/// The nearest rotation of one that is exact but for rounding may be another one in its last bits.
+TEST(PoseFiles, MatricesWithAllDigitsKeepTheirBits) {
+  const TempFolder folder;
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  std::string text;
+  std::vector<Eigen::Matrix4d> written;
+  for (int n = 0; n < 200; ++n) {
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    const Eigen::Quaterniond q(normal(random), normal(random), normal(random), normal(random));
+    pose.linear() = q.normalized().toRotationMatrix();
+    pose.translation() = Eigen::Vector3d(normal(random), 1e5 * normal(random), normal(random));
+    written.push_back(pose.matrix());
+    for (int k = 0; k < 12; ++k) {
+      char number[40];
+      std::snprintf(number, sizeof number, "%.17g%c", pose(k / 4, k % 4), k < 11 ? ' ' : '\n');
+      text += number;
+    }
+  }
+  const PoseFile file = read(folder.write("poses.txt", text));
+  ASSERT_EQ(file.poses.size(), written.size());
+  for (std::size_t n = 0; n < written.size(); ++n) EXPECT_EQ(file.poses[n].T_W_S.matrix(), written[n]) << n;
+}
+
 TEST(PoseFiles, KeepsOneOfTwoEqualPosesAndSortsWhenAsked) {
   const TempFolder folder;
   const PoseFile repeated = read(folder.write("a.txt", "1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n"));

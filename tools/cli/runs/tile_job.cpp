@@ -88,6 +88,8 @@ std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
   return inputs;
 }
 
+}  // namespace
+
 tiles::Flight flightOf(const PlanSources& sources, const PlanSettings& settings) {
   tiles::Flight flight;
   flight.options = textOf(settings, kOfAFlight);
@@ -101,6 +103,8 @@ tiles::Flight flightOf(const PlanSources& sources, const PlanSettings& settings)
   flight.settings = settings;
   return flight;
 }
+
+namespace {
 
 /// The largest edge of tiles that is not above the wanted one.
 std::int32_t edgeBelow(double wanted_m, const tiles::TileMargins& margins, double voxel_m) {
@@ -312,6 +316,46 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   return {std::move(planned), std::move(flights), std::move(specs), std::move(job)};
 }
 
+MapOptions flightOptions(const OpenJob& open, const PlanSettings& settings) {
+  MapOptions options = optionsFrom(open.job.out, settings);
+  readAsPlanned(open.options, options);
+  return options;
+}
+
+io::ScanInputOptions inputOfFlight(const OpenJob& open, std::size_t flight) {
+  io::ScanInputOptions input = scanInputOptions(open.flights[flight]);
+  const std::string& poses = open.job.plan.flights[flight].poses_in_effect;
+  if (poses.empty()) return input;
+  // Each scan that counts has its pose there, as the sensor's, whatever made it: nothing is added to it or
+  // interpolated.
+  const io::ScanInputOptions plain;
+  input.poses = open.job.out / poses;
+  input.pose_format = plain.pose_format;
+  input.match = plain.match;
+  input.max_gap_s = 1e-3;
+  input.calib = plain.calib;
+  input.sort_poses = plain.sort_poses;
+  input.T_B_S = plain.T_B_S;
+  input.level = plain.level;
+  input.pose_topic = plain.pose_topic;
+  input.every = plain.every;
+  input.deskew = io::Deskew::Off;
+  return input;
+}
+
+void requirePlannedPoses(const OpenJob& open, std::size_t flight) {
+  const auto require = [](const fs::path& file, const std::string& sha256) {
+    if (sha256.empty() || io::sha256OfFile(file) == sha256) return;
+    throw UnusableInput("plan.changed", file.string(), "has changed since the plan was made",
+                        "Restore it; with corrected poses, accessvdb tile plan OUT --poses FILE goes on");
+  };
+  const tiles::Flight& planned = open.job.plan.flights[flight];
+  for (const tiles::PlannedInput& input : planned.inputs) require(input.path, input.sha256);
+  if (!planned.poses_in_effect.empty()) {
+    require(open.job.out / planned.poses_in_effect, planned.poses_in_effect_sha256);
+  }
+}
+
 void appendFlight(const fs::path& out, const MapOptions& options, const FlagParser& flags, Messages& messages) {
   OpenJob open = openJob(out, options);
   PlanSettings settings = planSettings(flags);
@@ -342,7 +386,8 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
 
 OpenScans::OpenScans(const OpenJob& open, Messages& messages) {
   for (std::size_t n = 0; n < open.flights.size(); ++n) {
-    scans_.push_back(io::ScanSequence::open(scanInputOptions(open.flights[n])));
+    requirePlannedPoses(open, n);
+    scans_.push_back(io::ScanSequence::open(inputOfFlight(open, n)));
     sayAboutScans(scans_.back(), messages);
     const std::size_t planned = open.job.plan.flights[n].stamps_s.size();
     if (scans_.back().size() == planned) continue;

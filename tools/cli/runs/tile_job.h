@@ -60,6 +60,15 @@ struct OpenJob {
 };
 [[nodiscard]] OpenJob openJob(const std::filesystem::path& out, const MapOptions& options);
 
+/// The scans of a flight, by what its settings say, with the poses that the plan gives them.
+[[nodiscard]] io::ScanInputOptions inputOfFlight(const OpenJob& open, std::size_t flight);
+/// @throws UnusableInput "plan.changed" for poses, or another small file, that are not those of the plan; InputError
+void requirePlannedPoses(const OpenJob& open, std::size_t flight);
+/// Options of a flight of the plan by other settings.
+[[nodiscard]] MapOptions flightOptions(const OpenJob& open, const PlanSettings& settings);
+/// What a plan says of the scans.
+[[nodiscard]] tiles::Flight flightOf(const PlanSources& sources, const PlanSettings& settings);
+
 /// Adds the scans that `options` names to the plan in the folder.
 /// @throws UnusableInput "plan.changed"; what reading the scans throws
 void appendFlight(const std::filesystem::path& out, const MapOptions& options, const FlagParser& flags,

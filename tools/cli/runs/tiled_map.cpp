@@ -32,6 +32,18 @@ void sayDisk(const fs::path& out, std::span<io::ScanSequence* const> flights, Me
                   (error ? std::string() : ", " + bytesInWords(static_cast<double>(space.available)) + " free"));
 }
 
+/// What of it is there from before: after another flight, or with other poses.
+std::string doneInWords(const tiles::Job& job, const tiles::Binned& rays) {
+  try {
+    const tiles::Status status = tiles::status(job.out, job.plan, rays);
+    if (status.done.empty()) return {};
+    return "; " + std::to_string(status.done.size()) + " are done already, " + std::to_string(status.todo.size()) +
+           " are to be mapped";
+  } catch (const InputError&) {  // a damaged one is named when it is needed
+    return {};
+  }
+}
+
 }  // namespace
 
 tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence* const> flights, Messages& messages) {
@@ -51,7 +63,7 @@ tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence*
   if (rays.complete) {
     messages.notice("sorted " + std::to_string(rays.points_in) + " returns into " +
                     std::to_string(rays.returns_of.size()) + " tiles in " + secondsInWords(secondsSince(begin)) + ", " +
-                    bytesInWords(static_cast<double>(rays.bytes)));
+                    bytesInWords(static_cast<double>(rays.bytes)) + doneInWords(job, rays));
   }
   return rays;
 }
@@ -166,6 +178,7 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
                     std::to_string(rays.returns_of.size()) + " tiles; the same command goes on from here");
   } else {
     tiles::removeLeftovers(job.out);
+    tiles::removeOutdated(job.out, status);
     if (!options.keep_rays) tiles::removeRays(job.out);
     messages.notice("done in " + secondsInWords(secondsSince(begin)) + "; wrote " + std::to_string(status.done.size()) +
                     " tiles with " + std::to_string(report.surface_points) +

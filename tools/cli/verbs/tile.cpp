@@ -20,6 +20,7 @@
 #include "runs/agreement_check.h"
 #include "runs/first_returns.h"
 #include "runs/memory_check.h"
+#include "runs/tile_correction.h"
 #include "runs/tile_job.h"
 #include "runs/tile_requests.h"
 #include "runs/tiled_map.h"
@@ -91,9 +92,12 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   MapOptions options;
   bool append = false;
   FlagParser flags;
-  flags.describe("tile plan", "Decides the tiles of a map and writes OUT/plan.json.",
-                 "accessvdb tile plan out/ --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 "
-                 "--max-memory 8G");
+  flags.describe(
+      "tile plan", "Decides the tiles of a map and writes OUT/plan.json.",
+      "accessvdb tile plan out/ --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 "
+      "--max-memory 8G\n"
+      "  accessvdb tile plan out/ --append --scans flight2/scans --poses flight2/poses.txt\n"
+      "  accessvdb tile plan out/ --poses corrected.txt    (then bin, run and merge again: what moved is made anew)");
   addCommonOptions(flags, options.common);
   addMapFlags(flags, options, "OUT");
   flags.flag("--append", append, "add the scans of another flight to the plan in OUT; nothing else may be given");
@@ -103,6 +107,10 @@ int planTiles(const Arguments& arguments, Messages& messages) {
     io::prepareOutputFolder(options.out);
     appendFlight(options.out, options, flags, messages);
     return 0;
+  }
+  if (!options.out.empty() && givesPosesAlone(options)) {
+    io::prepareOutputFolder(options.out);
+    return correctPoses(options.out, options, flags, messages);
   }
   checkMapOptions(options);
   requireNoInputsInTiles(options.out, namedInputs(options));
@@ -325,6 +333,7 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   writeResult({open.job, open.options, rays, status}, report, messages);
   writeReport(open.job.out / "report.json", report, messages);
   tiles::removeLeftovers(open.job.out);
+  tiles::removeOutdated(open.job.out, status);
   // Last, because a tile that turns out to be damaged is made again from them.
   if (!options.keep_rays && left == 0) tiles::removeRays(open.job.out);
   return 0;
