@@ -36,6 +36,9 @@ struct RollingOptions {
   /// limit. The first scan, and a nearest tile that does not fit alone, may pass it.
   std::uint64_t memory_limit_bytes = 0;
   std::uint64_t device_limit_bytes = 0;  ///< of what lies on a GPU. 0 = no limit
+  /// Of the whole process, which takes more than tiles count: they get what it leaves now, less 64 MiB for a step of
+  /// scans, and leave earlier where that is too much (tighten()). 0 = no limit
+  std::uint64_t process_limit_bytes = 0;
   /// Edge of a tile: FieldWindow::kEdge times a power of two, at least twice the margin that the tool needs. 0 = rule:
   /// from that margin and max_range_m, so that few returns are kept twice and little is held that no scan reaches.
   std::int32_t tile_voxels = 0;
@@ -73,8 +76,8 @@ struct RollingSource {
 class ACCESSVDB_API RollingField {
  public:
   /// @throws InvalidArgument "rolling.params" (a window, a budget, the paper's policy or projective fusion),
-  ///         "rolling.tile"; OutputError "output.foreign" for a folder with something in it; what
-  ///         AccessibilityField's constructor throws
+  ///         "rolling.tile"; ResourceLimit "limit.memory" if process_limit_bytes leaves nothing for tiles; OutputError
+  ///         "output.foreign" for a folder with something in it; what AccessibilityField's constructor throws
   RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                const TableProgress& progress = {});
   ~RollingField();
@@ -100,9 +103,9 @@ class ACCESSVDB_API RollingField {
 
   /// As AccessibilityField's. @throws also OutputError where a tile cannot be saved: then nothing has changed
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
-                           std::optional<double> stamp_s = {});
+                           std::optional<double> stamp_s = {}, std::span<const std::int32_t> attributes = {});
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
-                           std::optional<double> stamp_s = {});
+                           std::optional<double> stamp_s = {}, std::span<const std::int32_t> attributes = {});
   /// As AccessibilityField::leaveOut(), for tiles that will be made, too. Shows with the next update().
   void leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m);
   /// Scores what changed since the last update(). @throws OutputError afterwards, where a tile cannot be saved

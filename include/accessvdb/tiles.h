@@ -103,6 +103,9 @@ struct TileMargins {
 /// @throws what building a field throws
 [[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params,
                                                     const TableProgress& progress = {});
+/// Edge of tiles that go through the scans side by side: few returns are kept twice, and little is held that no scan
+/// reaches.
+[[nodiscard]] ACCESSVDB_API std::int32_t edgeSideBySide(const TileMargins& margins, const FieldParams& params);
 
 /// World position of the local frame that a field of all scans would have: the first usable sensor position, rounded.
 /// Reads steps until there is one. @throws UnusableInput "scans.no_returns"
@@ -152,18 +155,28 @@ struct Job {
   FieldParams params;
 };
 
+/// For ChangeMode::Full.
+struct BinLimits {
+  std::uint64_t memory_bytes = 0;  ///< of the process; tiles that pass it leave memory. 0 = none
+  double checkpoint_every_s = 60;  ///< a call that was killed goes on from there
+};
+
 /// Reads the scans and sorts their returns by tile. Goes on after the last finished part of an earlier call.
+/// With ChangeMode::Full a ray is evidence in tiles that it only passes, so that tiles go through the scans side by
+/// side (RollingField), and rays/ holds the state of each instead, without labels.
 /// @param flights  the scans of each
-/// @throws InputError while reading; OutputError; UnusableInput "plan.changed" for a scan that changed; InvalidArgument
-///         "config.change" for ChangeMode::Full, which takes a RollingField
-ACCESSVDB_API Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch = {});
+/// @throws InputError while reading, "rays.damaged"; OutputError; UnusableInput "plan.changed" for a scan that changed;
+///         ResourceLimit "limit.memory" where not even the tiles that the rays of one scan come near fit together
+ACCESSVDB_API Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch = {},
+                         const BinLimits& limits = {});
 /// What an earlier bin() did; nothing if it was not finished.
 [[nodiscard]] ACCESSVDB_API std::optional<Binned> binned(const std::filesystem::path& out, const Plan& plan);
 /// Deletes the rays once no tile needs them. What is known about them stays.
 ACCESSVDB_API void removeRays(const std::filesystem::path& out);
 
 struct RunLimits {
-  /// Peak of the process that a tile may reach; larger tiles are run as their quarters. 0 = none
+  /// Peak of the process that a tile may reach; larger tiles are run as their quarters, or refused with
+  /// ChangeMode::Full. 0 = none
   std::uint64_t memory_bytes = 0;
   io::WriteOptions files = {};
 };
@@ -183,11 +196,10 @@ struct Tile {
 };
 
 /// Runs one tile, or its quarters where it would not fit. Finished ones are not run again.
-/// @param which  one of Binned::returns_of or a part of it
+/// @param which  one of Binned::returns_of or, but with ChangeMode::Full, a part of it
 /// @return the finished tiles: one, or those of the quarters; fewer if `stop` ended it
-/// @throws InvalidArgument "usage.tile", "config.change" as bin(); ResourceLimit "limit.memory" if even the smallest
-/// would not fit; InputError
-///         "rays.damaged"; OutputError
+/// @throws InvalidArgument "usage.tile"; ResourceLimit "limit.memory" if even the smallest would not fit; InputError
+///         "rays.missing", "rays.damaged"; OutputError
 ACCESSVDB_API std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                                     const Watch& watch = {});
 

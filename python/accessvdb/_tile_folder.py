@@ -60,7 +60,8 @@ def read_grid(out: str) -> Grid:
     path = Path(out, "plan.json")
     try:
         plan = json.loads(path.read_text())
-        return Grid(int(plan["tile_voxels"]), int(plan["margin_voxels"]))
+        whole = "change full" in str(plan.get("parameters", "")).splitlines()
+        return Grid(int(plan["tile_voxels"]), int(plan["margin_voxels"]), whole)
     except OSError as error:
         raise InputError("plan.missing", str(path), f"cannot be read ({error.strerror})",
                          "Make a plan with accessvdb tile plan") from None  # fmt: skip
@@ -138,12 +139,13 @@ class Steps:
     quiet: bool
     stop: Stop
     say: Callable[[str], None]
+    max_memory: str = ""  # of a process
 
     def todo(self) -> List[str]:
         """Names of the tiles that are left, in the order in which to run them. Sorts the returns first if needed."""
         names = self._list()
         if names is None:
-            self._run("bin")
+            self._run("bin", *(["--max-memory", self.max_memory] if self.max_memory else []))
             names = self._list()
         if names is None:
             raise InputError("rays.missing", self.out, "holds no rays of this plan after tile bin", "Run it again")

@@ -100,12 +100,13 @@ class Grid:
 
     tile_voxels: int
     margin_voxels: int
+    whole: bool = False  # --change full takes whole tiles
 
     def quarters(self, tile: str) -> List[str]:
         """Names of the quarters; none where they would be smaller than the tool allows."""
         whole, _, digits = tile.partition(".")
         edge = (self.tile_voxels >> len(digits)) // 2
-        if edge < max(_LEAST_EDGE_VOXELS, 2 * self.margin_voxels):
+        if self.whole or edge < max(_LEAST_EDGE_VOXELS, 2 * self.margin_voxels):
             return []
         return [f"{whole}.{digits}{digit}" for digit in "0123"]
 

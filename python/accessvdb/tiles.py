@@ -285,7 +285,7 @@ def run(options: RunOptions, stop: Optional[Stop] = None) -> Summary:
 
     grid = read_grid(options.out)
     slots, request = _shares(options)
-    steps = Steps(request["program"], options.out, options.quiet, stop, say)
+    steps = Steps(request["program"], options.out, options.quiet, stop, say, options.max_memory or "")
     summary = Summary()
     with one_driver(options.out):
         todo = steps.todo()

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <utility>
 
+#include "accessvdb/error.h"
 #include "accessvdb/scan_io.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
@@ -48,6 +49,8 @@ std::unique_ptr<LockedRolling> makeRolling(const py::object& tools, const py::ob
   constexpr int kMostVoxels = 1 << 20;
   std::vector<ToolSpec> specs = toolsFrom(tools);
   const FieldParams given = fieldParamsFrom(params);
+  if (!given.carry.empty())
+    throw InvalidArgument("rolling.params", "params", "carry attributes, which no call brings here", "Leave them out");
   RollingOptions options;
   options.folder = folder;
   options.memory_limit_bytes = largeNumberFrom("memory_limit_bytes", memory_limit_bytes);

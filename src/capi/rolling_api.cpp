@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "accessvdb/c_api.h"
+#include "accessvdb/error.h"
 #include "accessvdb/rolling_field.h"
 #include "capi/arrays_in.h"
 #include "capi/boundary.h"
@@ -76,6 +77,10 @@ int accessvdb_rolling_create(const accessvdb_tool_spec* tools, std::size_t spec_
     const bool resume = capi::requireBool("options.resume", c.resume);
     std::vector<accessvdb::ToolSpec> specs = capi::toolsFromC(tools, spec_size, tool_count);
     const accessvdb::FieldParams of_all = capi::paramsOrDefaults(params);
+    if (!of_all.carry.empty()) {
+      throw accessvdb::InvalidArgument("rolling.params", "params", "carry attributes, which no call brings here",
+                                       "Leave them out");
+    }
     *rolling =
         std::make_unique<accessvdb_rolling>(resume ? RollingField::resume(std::move(specs), of_all, std::move(given))
                                                    : RollingField(std::move(specs), of_all, std::move(given)))

@@ -276,7 +276,7 @@ FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std:
 void internal::FieldAccess::beginScan(AccessibilityField& field, const Returns& returns, const Returns& rays,
                                       double stamp_s) {
   const GateScan gate = [&](FrameStats& stats) -> const GatedScan& {
-    return field.impl_->gate.gateLocal(returns.p_L, returns.q_L, stats);
+    return field.impl_->gate.gateLocal(returns.p_L, returns.q_L, stats, returns.attributes);
   };
   internal::beginScan(*field.impl_, gate, rays.p_L, rays.q_L, stamp_s);
 }

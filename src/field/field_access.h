@@ -41,6 +41,7 @@ struct FieldAccess {
   /// What passed a gate before. p_L: [n], q_L: [n] or [1]
   struct Returns {
     std::span<const Eigen::Vector3f> p_L, q_L;
+    std::span<const std::int32_t> attributes = {};  ///< as for integrateScan()
   };
   /// integrateLocal() of a tile of a map with ChangeMode::Full, in two parts: between them all tiles are asked what has
   /// gone, side by side (visitGoneCells).

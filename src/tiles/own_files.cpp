@@ -14,6 +14,8 @@
 #include "tiles/json_file.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
+#include "tiles/rolling_files.h"
+#include "tiles/rolling_manifest.h"
 #include "tiles/tile_files.h"
 
 namespace accessvdb::tiles {
@@ -154,7 +156,9 @@ OwnFiles ownRays(const fs::path& out) {
   }
   sortEntries(folder, own, [&](const fs::path& file, const std::string& name) {
     const std::string target = targetOfTemp(name);
-    if (target == "probe" || isShardName(target)) return true;
+    if (target == "probe" || isShardName(target) || target == kRollingManifest || serialOf(target)) return true;
+    if (name == kRollingManifest) return objectIn(file).contains("tiles");
+    if (std::uint64_t serial = 0; isRollingFile(file, serial)) return true;
     if (!isShardName(name)) return false;
     const auto found = listed.find(name);
     std::error_code ignored;

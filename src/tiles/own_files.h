@@ -3,7 +3,8 @@
 /// Which files below rays/ and tiles/ this library wrote: nothing else is ever deleted, and no link is followed.
 ///
 /// A file is ours if it is a regular file with a name that we make, and if what lies beside it says so: a tile's files
-/// are listed by its tile.json, a file of rays says it in its first bytes or is listed by rays.json.
+/// are listed by its tile.json, a file of rays or a state of a tile says it in its first bytes, or is listed by
+/// rays.json.
 #pragma once
 
 #include <filesystem>

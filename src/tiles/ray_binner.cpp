@@ -3,18 +3,18 @@
 /// One pass over the scans: the returns that pass the gate, sorted by the tiles that need them.
 #include <algorithm>
 #include <set>
-#include <unordered_map>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "field/scan_gate.h"
-#include "io/streams/input_file.h"
 #include "tiles/json_file.h"
 #include "tiles/own_files.h"
+#include "tiles/planned_inputs.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
+#include "tiles/side_by_side.h"
 #include "tiles/step_sorter.h"
 
 namespace accessvdb::tiles {
@@ -50,11 +50,8 @@ class Binner {
         watch_(watch),
         params_(job.params.resolved()),
         gate_(params_.tsdf, job.plan.origin_W, std::nullopt, params_.carry.size()),
-        sorter_(job.plan.tile_voxels, job.plan.margin_voxels, params_.tsdf.voxel_size_m) {
-    for (const Flight& flight : job.plan.flights) {
-      for (const PlannedInput& input : flight.inputs) planned_.emplace(input.path, &input);
-    }
-  }
+        sorter_(job.plan.tile_voxels, job.plan.margin_voxels, params_.tsdf.voxel_size_m),
+        inputs_(job.plan) {}
 
   /// A shard ends where it is full, and where its flight ends. @return false if stopped
   bool binTo(std::uint64_t begin, std::uint64_t end) {
@@ -69,7 +66,9 @@ class Binner {
   }
 
   /// All inputs with their hashes. @throws UnusableInput "plan.changed"
-  [[nodiscard]] std::vector<io::InputFile> inputs(const std::vector<io::InputFile>& before) const;
+  [[nodiscard]] std::vector<io::InputFile> inputs(const std::vector<io::InputFile>& before) const {
+    return inputs_.all(job_.out, before);
+  }
 
  private:
   bool binFlight(std::size_t flight, std::uint64_t flight_begin, std::uint64_t begin, std::uint64_t end) {
@@ -79,7 +78,7 @@ class Binner {
     for (std::uint64_t step = begin; step < end; ++step) {
       if (watch_.stop()) return false;
       const io::ScanRecord record = flights_[flight]->read(step - flight_begin);
-      requireAsPlanned(record.path);
+      inputs_.note(record.path);
       add(static_cast<std::uint32_t>(step), record, index);
       index.end_step = step + 1;
       if (buffer_.bytes() >= job_.plan.bin_bytes || step + 1 == end) {
@@ -105,26 +104,6 @@ class Binner {
     for (std::size_t n = 0; n < index.dropped.size(); ++n) index.dropped[n] += stats.dropped[n];
   }
 
-  void requireAsPlanned(const std::string& given_path) {
-    if (given_path == last_given_path_) return;
-    last_given_path_ = given_path;
-    const std::string path = fs::absolute(given_path).lexically_normal().string();
-    // While the file is still in the system's cache. The last one, or a single cloud, is hashed at the end.
-    if (!last_path_.empty()) noteRead(last_path_);
-    last_path_ = path;
-    const auto planned = planned_.find(fs::absolute(path).lexically_normal().string());
-    if (planned == planned_.end() || !io::isFile(path) || io::inputFileSize(path) != planned->second->bytes)
-      refuseChanged(path);
-  }
-  [[noreturn]] static void refuseChanged(const std::string& path) {
-    throw UnusableInput("plan.changed", path, "has changed since the plan was made",
-                        "Restore it, or start again with tiles::removePlan");
-  }
-  void noteRead(const std::string& path) {
-    const std::string whole = fs::absolute(path).lexically_normal().string();
-    if (!sha256_.contains(whole)) sha256_.emplace(whole, io::sha256OfFile(path));
-  }
-
   const Job& job_;
   std::span<io::ScanSequence* const> flights_;
   const Watch& watch_;
@@ -132,30 +111,8 @@ class Binner {
   internal::ScanGate gate_;
   StepSorter sorter_;
   ShardBuffer buffer_;
-  std::unordered_map<std::string, const PlannedInput*> planned_;
-  std::unordered_map<std::string, std::string> sha256_;
-  std::string last_given_path_, last_path_;
+  PlannedInputs inputs_;
 };
-
-std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& before) const {
-  std::vector<io::InputFile> inputs;
-  for (const Flight& flight : job_.plan.flights) {
-    for (const PlannedInput& input : flight.inputs) {
-      const auto known = sha256_.find(input.path);
-      const std::string sha256 = !input.sha256.empty()    ? input.sha256
-                                 : known != sha256_.end() ? known->second
-                                                          : io::sha256OfFile(input.path);
-      inputs.push_back({input.path, sha256});
-    }
-    if (!flight.poses_in_effect.empty()) {
-      inputs.push_back({(job_.out / flight.poses_in_effect).string(), flight.poses_in_effect_sha256});
-    }
-  }
-  for (std::size_t n = 0; n < before.size() && n < inputs.size(); ++n) {
-    if (before[n].path == inputs[n].path && before[n].sha256 != inputs[n].sha256) refuseChanged(inputs[n].path);
-  }
-  return inputs;
-}
 
 /// The end of the shards that are whole, from the first step on. Deletes our files after them.
 std::uint64_t endOfWhole(const fs::path& out, const Plan& plan) {
@@ -182,13 +139,13 @@ std::uint64_t endOfWhole(const fs::path& out, const Plan& plan) {
 
 }  // namespace
 
-Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch) {
-  requireOneByOne(job.params);
+Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch, const BinLimits& limits) {
   if (flights.size() != job.plan.flights.size()) {
     throw InvalidArgument("usage.flights", "bin", "needs the scans of each flight of the plan");
   }
   const fs::path folder = raysFolder(job.out);
   refuseForeign(ownRays(job.out));
+  if (goesSideBySide(job.params)) return binSideBySide(job, flights, watch, limits);
   io::prepareOutputFolder(folder);
   Binner binner(job, flights, watch);
   std::vector<io::InputFile> before;

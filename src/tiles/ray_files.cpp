@@ -14,11 +14,6 @@
 
 namespace accessvdb::tiles {
 
-void requireOneByOne(const FieldParams& params) {
-  if (params.change.mode != ChangeMode::Full) return;
-  throw InvalidArgument("config.change", "ChangeMode::Full", "takes all tiles through the scans side by side",
-                        "Make the map with RollingField, or use ChangeMode::Block");
-}
 namespace {
 
 namespace fs = std::filesystem;

@@ -12,9 +12,6 @@
 
 namespace accessvdb::tiles {
 
-/// @throws InvalidArgument "config.change" for tiles that cannot be mapped one by one
-void requireOneByOne(const FieldParams& params);
-
 [[nodiscard]] std::filesystem::path raysFolder(const std::filesystem::path& out);
 
 /// The id that a shard carries: of the plan without the flights after its own.

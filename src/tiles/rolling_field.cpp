@@ -50,24 +50,11 @@ using tiles::TileIndex;
 
 constexpr std::int32_t kLargestTile_voxels = 1 << 16;
 
-/// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of
-/// tiles with edge e, the ones that a scan of range R touches hold about (2 R + e)^2 (1 + 2 m / e)^2, least at
-/// e = 2 sqrt(m R).
-std::int32_t edgeByRule(const tiles::TileMargins& margins, const FieldParams& params) {
-  constexpr double kUsualRange_m = 30;
-  const double range_m = std::min(params.tsdf.max_range_m, kUsualRange_m);
-  const double wanted = 2 * std::sqrt(margins.returns_voxels * range_m / params.tsdf.voxel_size_m);
-  std::int32_t edge = margins.least_tile_voxels;
-  while (edge < wanted && edge < kLargestTile_voxels) edge *= 2;
-  return edge;
-}
-
 void requireRolling(const FieldParams& params, const RollingOptions& options, const tiles::TileMargins& margins) {
   const auto refuse = [](const std::string& problem, const std::string& advice) {
     throw InvalidArgument("rolling.params", "params", problem, advice);
   };
   if (params.window) refuse("have a window, but a rolling field makes its own tiles", "Leave it out");
-  if (!params.carry.empty()) refuse("carry attributes", "Leave them out, or map in tiles");
   if (params.update.budget_points > 0) refuse("have a budget, which is shared among all points", "Leave it out");
   if (params.update.policy == UpdatePolicy::Paper) refuse("have the paper's policy", "Use UpdatePolicy::Exact");
   if (params.tsdf.region == UpdateRegion::Projective) refuse("have projective fusion", "Use another UpdateRegion");
@@ -79,6 +66,23 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
                               std::to_string(kLargestTile_voxels) + " with this tool",
                           "Leave it at 0 for the rule");
   }
+}
+
+/// What the process has left for tiles: the rest is itself without any, and a step of scans. 0 = no limit
+std::uint64_t tileLimit(const RollingOptions& options) {
+  const std::uint64_t limit = options.process_limit_bytes;
+  if (limit == 0) return options.memory_limit_bytes;
+  constexpr std::uint64_t kForSteps = std::uint64_t{64} << 20, kLeastForTiles = std::uint64_t{16} << 20;
+  const std::uint64_t used = residentMemoryBytes() + kForSteps;
+  const auto megabytes = [](std::uint64_t bytes) { return std::to_string(bytes >> 20); };
+  if (limit < used + kLeastForTiles) {
+    throw ResourceLimit(
+        "limit.memory", "process_limit_bytes",
+        megabytes(limit) + " MiB leave nothing for tiles: without any the program takes " + megabytes(used) + " MiB",
+        "Use process_limit_bytes " + std::to_string(((used + 2 * kLeastForTiles) >> 20) + 1) + "M or more");
+  }
+  const std::uint64_t rest = limit - used;
+  return options.memory_limit_bytes > 0 ? std::min(rest, options.memory_limit_bytes) : rest;
 }
 
 /// What is advised elsewhere is for the folder of the result.
@@ -106,6 +110,18 @@ void add(const FrameStats& of_tile, FrameStats& stats) {
 
 }  // namespace
 
+/// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of
+/// tiles with edge e, the ones that a scan of range R touches hold about (2 R + e)^2 (1 + 2 m / e)^2, least at
+/// e = 2 sqrt(m R).
+std::int32_t tiles::edgeSideBySide(const TileMargins& margins, const FieldParams& params) {
+  constexpr double kUsualRange_m = 30;
+  const double range_m = std::min(params.tsdf.max_range_m, kUsualRange_m);
+  const double wanted = 2 * std::sqrt(margins.returns_voxels * range_m / params.tsdf.voxel_size_m);
+  std::int32_t edge = margins.least_tile_voxels;
+  while (edge < wanted && edge < kLargestTile_voxels) edge *= 2;
+  return edge;
+}
+
 struct ACCESSVDB_PRIVATE RollingField::Impl {
   /// @param resumed  whether the folder is that of an earlier field
   Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
@@ -113,13 +129,14 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       : tools(namedTools(std::move(given_tools))),
         params(toolParams(tools.front(), given).resolved()),
         options(std::move(given_options)),
+        memory_limit_bytes(tileLimit(options)),
         tables(std::make_unique<internal::SharedTables>()),
         margins(tiles::marginsFrom(tables->makeAll(tools, given, progress))),
-        tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : edgeByRule(margins, params)),
-        gate(params.tsdf, given.origin_W),
+        tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : tiles::edgeSideBySide(margins, params)),
+        gate(params.tsdf, given.origin_W, std::nullopt, params.carry.size()),
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         ray_sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
-        tiles(tools, given, std::move(tables), options.folder, {options.memory_limit_bytes, options.device_limit_bytes},
+        tiles(tools, given, std::move(tables), options.folder, {memory_limit_bytes, options.device_limit_bytes},
               tile_voxels, options.notes_changes) {
     requireRolling(params, options, margins);
     if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
@@ -168,6 +185,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   /// Before anything changes: tiles leave and come.
   Touched prepare(const internal::GatedScan& scan) {
     requireWhole();
+    keepWithinProcess();
     const Eigen::Vector3d& origin_W = gate.origin_W();
     if (gate.hasOrigin()) tiles.setOrigin({origin_W.x(), origin_W.y(), origin_W.z()});
     tiles.noteGrowth(std::exchange(growth, {}));
@@ -228,8 +246,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         if (tile == nullptr) continue;
         const tiles::StepSorter::Returns returns = sorter.returnsOf(id, scan);
         tiles.noteChange(id, *tile);
-        noteFused(id, *tile, scan, FieldAccess::integrateLocal(tile->field, returns.p_L, returns.q_L, stamp_s), fresh,
-                  stats);
+        const FrameStats of_tile =
+            FieldAccess::integrateLocal(tile->field, returns.p_L, returns.q_L, stamp_s, returns.attributes);
+        noteFused(id, *tile, scan, of_tile, fresh, stats);
       }
     }
     name(fresh);
@@ -316,7 +335,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       FieldAccess::Returns returns = {{}, scan.q_L};
       if (each->has_returns) {
         const tiles::StepSorter::Returns sorted = sorter.returnsOf(each->id, scan);
-        returns = {sorted.p_L, sorted.q_L};
+        returns = {sorted.p_L, sorted.q_L, sorted.attributes};
       }
       FieldAccess::beginScan(each->tile->field, returns, ray_sorter.raysOf(each->id, scan), stamp_s);
     }
@@ -378,6 +397,19 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     measure(tile);
     if (of_tile.left_out_returns > 0) noteShort(id, scan);
   }
+  /// The process takes more than tiles count, such as what each keeps for its next scan.
+  void keepWithinProcess() {
+    constexpr std::uint64_t kStepsToLeave = 8;  // after which memory that tiles have left is the system's again
+    constexpr double kBelow = 0.95;
+    const std::uint64_t limit = options.process_limit_bytes, steps = first_ids.size();
+    if (limit == 0 || steps < tightened_at + kStepsToLeave || residentMemoryBytes() <= limit / 32 * 31) return;
+    tightened_at = steps;
+    own_share = std::min(own_share, static_cast<double>(tiles.use().memory) / static_cast<double>(memory_limit_bytes));
+    own_share *= kBelow;
+    tighten();
+  }
+  void tighten() { tiles.tighten(std::min(share, own_share)); }
+
   /// What an update took may be too much. It goes on where a tile cannot be saved: no label may be missing.
   void shrink() {
     try {
@@ -559,6 +591,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   FieldParams params;  ///< resolved, for the first tool
   RollingOptions options;
   tiles::FolderInUse in_use;
+  std::uint64_t memory_limit_bytes;                ///< of the tiles
   std::unique_ptr<internal::SharedTables> tables;  ///< until `tiles` takes it
   tiles::TileMargins margins;
   std::int32_t tile_voxels;
@@ -584,6 +617,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   std::string note;                   ///< of the last checkpoint
   std::vector<SurfacePoint> changed;  ///< since takeChanged()
   std::uint64_t peak_memory_bytes = 0;
+  double share = 1;      ///< RollingField::tighten()
+  double own_share = 1;  ///< keepWithinProcess()
+  std::uint64_t tightened_at = 0;
   bool unsaved = false;
   std::exception_ptr not_saved;  ///< what shrink() threw
 };
@@ -597,17 +633,18 @@ RollingField::RollingField(RollingField&&) noexcept = default;
 RollingField& RollingField::operator=(RollingField&&) noexcept = default;
 
 FrameStats RollingField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
-                                       std::optional<double> stamp_s) {
+                                       std::optional<double> stamp_s, std::span<const std::int32_t> attributes) {
   const auto gate = [&](FrameStats& stats) -> const internal::GatedScan& {
-    return impl_->gate.gate(points_S, T_W_S, stats);
+    return impl_->gate.gate(points_S, T_W_S, stats, attributes);
   };
   return impl_->integrate(gate, stamp_s);
 }
 
 FrameStats RollingField::integrateRays(std::span<const Eigen::Vector3d> points_W,
-                                       std::span<const Eigen::Vector3d> origins_W, std::optional<double> stamp_s) {
+                                       std::span<const Eigen::Vector3d> origins_W, std::optional<double> stamp_s,
+                                       std::span<const std::int32_t> attributes) {
   const auto gate = [&](FrameStats& stats) -> const internal::GatedScan& {
-    return impl_->gate.gate(points_W, origins_W, stats);
+    return impl_->gate.gate(points_W, origins_W, stats, attributes);
   };
   return impl_->integrate(gate, stamp_s);
 }
@@ -665,7 +702,10 @@ std::vector<SurfacePoint> RollingField::takeChanged() {
   return last;
 }
 
-void RollingField::tighten(double share) { impl_->tiles.tighten(std::clamp(share, 0.0, 1.0)); }
+void RollingField::tighten(double share) {
+  impl_->share = std::clamp(share, 0.0, 1.0);
+  impl_->tighten();
+}
 
 void RollingField::checkpoint(const std::string& note) {
   impl_->requireWhole();
@@ -741,6 +781,8 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   }
   // Whatever an earlier call has left of it may be of other scans, or damaged.
   tiles::removePlan(out);
+  // A tile is copied while it is written.
+  if (impl_->options.process_limit_bytes > 0) impl_->tiles.tighten(impl_->own_share / 2);
   try {
     update();
   } catch (const OutputError&) {  // a tile that cannot leave is still here
@@ -782,6 +824,7 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
   tiles::writeBinned(out, plan, rays);
   tiles::writeIndex(out, plan, status);
   tiles::writePlan(out, plan);  // last: until then nobody takes it for whole
+  impl_->tighten();
   return std::move(status.done);
 }
 

@@ -85,23 +85,30 @@ void RollingFiles::remove() const noexcept {
   fs::remove(ids, ignored);
 }
 
-bool isRollingFile(const fs::path& file, std::uint64_t& serial) {
-  const std::string name = file.filename().string();
-  for (const auto& [ending, magic] : {std::pair{std::string(kState), internal::kStateMagic}, {kIds, kIdsMagic}}) {
-    if (!name.ends_with(ending)) continue;
-    const std::string rest = name.substr(0, name.size() - ending.size());
+std::optional<std::uint64_t> serialOf(const std::string& file_name) {
+  for (const std::string_view ending : {kState, kIds}) {
+    if (!file_name.ends_with(ending)) continue;
+    const std::string rest = file_name.substr(0, file_name.size() - ending.size());
     const std::size_t dot = rest.find('.');
-    if (dot == std::string::npos) return false;
+    if (dot == std::string::npos) return std::nullopt;
     try {
       static_cast<void>(TileId::parse(rest.substr(0, dot)));
     } catch (const InvalidArgument&) {
-      return false;
+      return std::nullopt;
     }
+    std::uint64_t serial = 0;
     const char* const end = rest.data() + rest.size();
     const auto [last, error] = std::from_chars(rest.data() + dot + 1, end, serial);
-    return error == std::errc() && last == end && beginsWith(file, magic);
+    if (error == std::errc() && last == end) return serial;
   }
-  return false;
+  return std::nullopt;
+}
+
+bool isRollingFile(const fs::path& file, std::uint64_t& serial) {
+  const auto found = serialOf(file.filename().string());
+  if (!found || !beginsWith(file, file.extension() == kState ? internal::kStateMagic : kIdsMagic)) return false;
+  serial = *found;
+  return true;
 }
 
 }  // namespace accessvdb::tiles

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,8 @@ struct RollingFiles {
   std::filesystem::path state, ids;
 };
 
+/// The number of a file of ours, by its name.
+[[nodiscard]] std::optional<std::uint64_t> serialOf(const std::string& file_name);
 /// Whether a file is one of ours, by its name and its first bytes. @param serial  gets its number
 [[nodiscard]] bool isRollingFile(const std::filesystem::path& file, std::uint64_t& serial);
 

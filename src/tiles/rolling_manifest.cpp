@@ -16,12 +16,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kManifest = "rolling.json";
 constexpr int kManifestSchema = 2;
 
 }  // namespace
 
-bool hasManifest(const fs::path& folder) { return io::isThere(folder / kManifest, ErrorCode::Output); }
+bool hasManifest(const fs::path& folder) { return io::isThere(folder / kRollingManifest, ErrorCode::Output); }
 
 void writeManifest(const fs::path& folder, const RollingManifest& manifest, const MadeWith& made_with) {
   Json stamps = Json::array();
@@ -46,11 +45,11 @@ void writeManifest(const fs::path& folder, const RollingManifest& manifest, cons
   if (manifest.origin_W) json["origin_W"] = *manifest.origin_W;
   if (made_with.params.change.mode == ChangeMode::Full) json["scans"] = manifest.scans;
   if (manifest.latest_s) json["latest_s"] = *manifest.latest_s;
-  writeJson(folder / kManifest, json);
+  writeJson(folder / kRollingManifest, json);
 }
 
 void readManifest(const fs::path& folder, const std::function<void(const Json& json)>& take) {
-  const fs::path file = folder / kManifest;
+  const fs::path file = folder / kRollingManifest;
   if (!io::isThere(file)) {
     throw InputError("rolling.missing", file.string(), "is not there",
                      "Name the folder of an earlier run, or start without resuming");
@@ -61,7 +60,8 @@ void readManifest(const fs::path& folder, const std::function<void(const Json& j
 std::int32_t tileVoxelsOf(const Json& json) { return json.at("tile_voxels").get<std::int32_t>(); }
 
 void refuseManifest(const fs::path& folder) {
-  throw InputError("rolling.damaged", (folder / kManifest).string(), "says what no field can be", "Use another folder");
+  throw InputError("rolling.damaged", (folder / kRollingManifest).string(), "says what no field can be",
+                   "Use another folder");
 }
 
 RollingManifest manifestFrom(const Json& json, const fs::path& folder, const MadeWith& made_with) {

@@ -18,6 +18,8 @@
 
 namespace accessvdb::tiles {
 
+inline constexpr const char* kRollingManifest = "rolling.json";
+
 /// What a field must have been made with to go on.
 struct MadeWith {
   const std::vector<ToolSpec>& tools;

@@ -23,8 +23,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kNameAttempts = 100;
-/// Nothing is called gone in tiles.
-constexpr int kTileReasons = static_cast<int>(PointReason::Changed);
+/// Only with ChangeMode::Full: older files are without.
+bool isOptional(PointReason reason) { return reason == PointReason::Changed; }
 
 fs::path tilesFolder(const fs::path& out) { return out / "tiles"; }
 fs::path splitMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".split.json"); }
@@ -97,10 +97,10 @@ std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId
           .at(accessvdb::name(static_cast<PointLabel>(n)))
           .get_to(tile.labels[static_cast<std::size_t>(n)]);
     }
-    for (int n = 0; n < kTileReasons; ++n) {
-      json.at("reasons")
-          .at(accessvdb::name(static_cast<PointReason>(n)))
-          .get_to(tile.reasons[static_cast<std::size_t>(n)]);
+    for (int n = 0; n < kNumPointReasons; ++n) {
+      const auto reason = static_cast<PointReason>(n);
+      if (isOptional(reason) && !json.at("reasons").contains(accessvdb::name(reason))) continue;
+      json.at("reasons").at(accessvdb::name(reason)).get_to(tile.reasons[static_cast<std::size_t>(n)]);
     }
     json.at("min_W").get_to(tile.min_W);
     json.at("max_W").get_to(tile.max_W);
@@ -117,8 +117,10 @@ void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
   for (int n = 0; n < kNumPointLabels; ++n) {
     labels[accessvdb::name(static_cast<PointLabel>(n))] = tile.labels[static_cast<std::size_t>(n)];
   }
-  for (int n = 0; n < kTileReasons; ++n) {
-    reasons[accessvdb::name(static_cast<PointReason>(n))] = tile.reasons[static_cast<std::size_t>(n)];
+  for (int n = 0; n < kNumPointReasons; ++n) {
+    const std::uint64_t count = tile.reasons[static_cast<std::size_t>(n)];
+    const auto reason = static_cast<PointReason>(n);
+    if (count > 0 || !isOptional(reason)) reasons[accessvdb::name(reason)] = count;
   }
   for (const auto& [name, sha256] : tile.sha256) files[name] = sha256;
   const FieldWindow window = tile.id.window(plan.tile_voxels);

@@ -20,6 +20,7 @@
 #include "tiles/point_file.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
+#include "tiles/side_by_side.h"
 #include "tiles/tile_files.h"
 #include "tiles/tile_writer.h"
 
@@ -75,14 +76,15 @@ class TileRun {
     params.origin_W = job_.plan.origin_W;
     params.window = tile_.id.window(job_.plan.tile_voxels);
     AttemptFolder folder(job_.out, tile_.id);
-    {
+    if (goesSideBySide(params)) {
+      FusedTile fused = loadFused(job_, tile_.id);
+      tile_.returns = fused.returns;
+      requireFit(peakBytesOf(internal::FieldAccess::counts(fused.field), {fused.returns, 0}, job_, tables_));
+      score(fused.field, folder, fused.stepOf);
+    } else {
       AccessibilityField field(job_.tools, params);
       integrateAll(field);
-      field.update();
-      io::WriteOptions files = run_.limits.files;
-      files.frame = job_.plan.frame;
-      writeTileFiles(
-          field, folder.path(), files, [this](std::uint32_t id) { return stepOf(id); }, tile_);
+      score(field, folder, [this](std::uint32_t id) { return stepOf(id); });
     }
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakMemoryBytes();
@@ -94,6 +96,13 @@ class TileRun {
  private:
   void requireFit(double bytes) const {
     if (run_.limits.memory_bytes > 0 && bytes > static_cast<double>(run_.limits.memory_bytes)) throw DoesNotFit{};
+  }
+
+  void score(AccessibilityField& field, const AttemptFolder& folder, const StepOfPoint& step_of) {
+    field.update();
+    io::WriteOptions files = run_.limits.files;
+    files.frame = job_.plan.frame;
+    writeTileFiles(field, folder.path(), files, step_of, tile_);
   }
 
   void integrateAll(AccessibilityField& field) {
@@ -199,6 +208,10 @@ void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
     requireRoomForTool(job, run.limits);
     const auto reason = attempt(run, id, done);
     if (!reason) return;
+    if (goesSideBySide(job.params)) {
+      throw ResourceLimit("limit.memory", "tile " + id.name(), *reason + ", and what has gone takes whole tiles",
+                          "Allow more memory, or plan smaller tiles");
+    }
     if (!isLargeEnough(job.plan, edgeOf(job.plan, id) / 2)) {
       throw ResourceLimit("limit.memory", "tile " + id.name(),
                           *reason + ", and is already the smallest that the tool allows",
@@ -225,12 +238,15 @@ void statusOf(const fs::path& out, const Plan& plan, const TileReturns& whole, c
 
 std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                       const Watch& watch) {
-  requireOneByOne(job.params);
   io::checkWriteOptions(limits.files);
   const auto whole = std::find_if(rays.returns_of.begin(), rays.returns_of.end(),
                                   [&](const TileReturns& tile) { return tile.id == which.whole(); });
   if (whole == rays.returns_of.end()) {
     throw InvalidArgument("usage.tile", which.name(), "is no tile of this plan", "See accessvdb tile list");
+  }
+  if (!which.quarters.empty() && goesSideBySide(job.params)) {
+    throw InvalidArgument("usage.tile", which.name(), "is a quarter, but what has gone takes whole tiles",
+                          "See accessvdb tile list");
   }
   if (!which.quarters.empty() && !isLargeEnough(job.plan, edgeOf(job.plan, which))) {
     throw InvalidArgument("usage.tile", which.name(), "is smaller than the smallest quarter that the tool allows",

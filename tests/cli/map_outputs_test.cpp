@@ -305,9 +305,6 @@ TEST_F(MapOutputs, FreeSpaceAgesByTheScansTimes) {
     EXPECT_NE(refused.err.find("usage.free_for"), std::string::npos) << refused.err;
   }
   EXPECT_EQ(runProgram(mapArguments({"--free-for", "60"})).exit_code, 2);
-  const ProgramResult tiles = runProgram(mapArguments({"--change", "full", "--tiles", "5"}));
-  EXPECT_EQ(tiles.exit_code, 2);
-  EXPECT_NE(tiles.err.find("usage.tiles"), std::string::npos) << tiles.err;
 }
 
 TEST_F(MapOutputs, SummaryIsSaidUnlessQuiet) {

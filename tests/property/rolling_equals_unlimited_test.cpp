@@ -191,11 +191,17 @@ TEST(RollingFolder, MergesIntoOnePiece) {
   const std::vector<Step> steps = walk(test);
   const ScratchFolder scratch;
   const RollingOptions options = tightOptions(test, steps, 0.5, scratch / "states");
-  AccessibilityField whole(toolsOf(test), paramsOf(test));
-  RollingField rolling(toolsOf(test), paramsOf(test), options);
+  FieldParams params = paramsOf(test);
+  params.carry = carryOf("tree_id");
+  AccessibilityField whole(toolsOf(test), params);
+  RollingField rolling(toolsOf(test), params, options);
+  std::mt19937_64 random(7);
   for (std::size_t n = 0; n < steps.size(); ++n) {
-    integrate(whole, steps[n], 0.1 * static_cast<double>(n));
-    integrate(rolling, steps[n], 0.1 * static_cast<double>(n));
+    std::vector<std::int32_t> trees(steps[n].points_W.size());
+    for (std::int32_t& tree : trees) tree = static_cast<std::int32_t>(random() % 4);
+    const double stamp_s = 0.1 * static_cast<double>(n);
+    whole.integrateRays(steps[n].points_W, steps[n].sensors_W, stamp_s, trees);
+    rolling.integrateRays(steps[n].points_W, steps[n].sensors_W, stamp_s, trees);
   }
   whole.update();
   whole.write(scratch / "whole");
@@ -533,9 +539,6 @@ TEST(RollingRefusals, NameWhatIsWrong) {
   params = paramsOf(test);
   params.origin_W = {{0, 0, 0}};
   params.window = FieldWindow{{0, 0}, {128, 128}};
-  EXPECT_EQ(refused(params, fine), "rolling.params");
-  params = paramsOf(test);
-  params.carry = carryOf("tree_id");
   EXPECT_EQ(refused(params, fine), "rolling.params");
   for (const std::int32_t edge : {1, 100, 64, -128, 1 << 17})
     EXPECT_EQ(refused(paramsOf(test), {.folder = scratch / "states", .tile_voxels = edge}), "rolling.tile") << edge;

@@ -215,6 +215,14 @@ class Tiles(unittest.TestCase):
         self.assertEqual(Grid(512, 30).quarters("-3_2.31"), [])  # 64 voxels
         self.assertEqual(Grid(512, 65).quarters("-3_2.3"), [])  # 128 voxels, less than two margins
 
+    def test_what_has_gone_has_no_quarters(self):
+        from accessvdb._tile_folder import read_grid
+
+        self.assertTrue(read_grid(str(self.out)).quarters("0_0"))
+        for mode in ("block", "full"):
+            (self.out / "plan.json").write_text(json.dumps({**GRID, "parameters": f"seed 1\nchange {mode}\nfree_for_s inf\n"}))
+            self.assertEqual(bool(read_grid(str(self.out)).quarters("0_0")), mode == "block")
+
     def test_a_process_goes_on_until_a_tile_fails(self):
         names = [f"{n}_0" for n in range(12)]
         script = {"9_9": ["kill 11", "ok"], **{name: ["sleep 0.2"] for name in names}}

@@ -92,6 +92,7 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"ray_W", "--ray"},
     {"view_W", "--view"},
     {"points_format", "--points-format"},
+    {"process_limit_bytes", "--max-memory"},
     {"another folder for the output", "another --out folder"},
     {"a folder for the output", "an --out folder"},
     {"saveState()", "map --checkpoint"},

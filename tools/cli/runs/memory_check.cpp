@@ -239,8 +239,8 @@ std::optional<std::uint64_t> memoryLimit(const MapOptions& options) {
 }
 
 std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vector<ToolSpec>& tools, RunOutput output,
-                                       io::ScanSequence& scans, const std::function<tiles::TileMargins()>& tiles,
-                                       Messages& messages) {
+                                       io::ScanSequence& scans,
+                                       const std::function<tiles::TileMargins()>& marginsOfTiles, Messages& messages) {
   const std::optional<double> noise_m = scans.recordedRangeNoise_m();
   const bool limited = !options.max_memory.empty();
   const FieldParams params = fieldParams(options, noise_m);
@@ -279,17 +279,21 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vec
   check.limit_bytes = known_limit.value_or(check.predicted_bytes);
   const auto limit = static_cast<double>(check.limit_bytes);
   if (!known_limit || predicted <= limit) return check;
-  if (tiles) {
+  if (marginsOfTiles) {
     // The sample touches fewer leaves than all rays do.
     const double fixed = MemoryPrediction{}.bytes(output);
     const double ratio = (predictor.prediction().bytes(output) - fixed) /
                          std::max(1.0, sample.prediction(tools, params).bytes(output) - fixed);
-    check.tile_voxels = TileChoice(tools, params, tiles(), sample, ratio).largestFitting(tables, limit);
+    const tiles::TileMargins margins = marginsOfTiles();
+    check.tile_voxels = TileChoice(tools, params, margins, sample, ratio).largestFitting(tables, limit);
+    // Several are in memory at a time.
+    if (check.tile_voxels > 0 && params.change.mode == ChangeMode::Full)
+      check.tile_voxels = std::min(check.tile_voxels, tiles::edgeSideBySide(margins, params));
     if (check.tile_voxels > 0) return check;
   }
   const double voxel_m = smallestFittingVoxel_m(options, tools, noise_m, sample, output, prediction, limit);
   std::string advice = voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits" +
-                                         (tiles ? " in one piece" : "")
+                                         (marginsOfTiles ? " in one piece" : "")
                                    : "No voxel size fits: allow more memory";
   const double step_deg = smallestFittingStep_deg(
       tools, params, prediction,

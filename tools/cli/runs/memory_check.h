@@ -23,13 +23,14 @@ struct MemoryCheck {
 };
 
 /// Reads all scans, or without --max-memory at most a few million returns, and then predicts a lower bound.
-/// @param tiles  if tiles may be used where one piece does not fit; called only then, as it makes the tools' tables
+/// @param marginsOfTiles  if tiles may be used where one piece does not fit; called only then, as it makes the tools'
+/// tables
 /// @return nothing if a signal stopped it
 /// @throws ResourceLimit "limit.memory" with the smallest voxel that fits, "tool.span", "tool.columns"; InputError
 ///         while reading
 [[nodiscard]] std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vector<ToolSpec>& tools,
                                                      RunOutput output, io::ScanSequence& scans,
-                                                     const std::function<tiles::TileMargins()>& tiles,
+                                                     const std::function<tiles::TileMargins()>& marginsOfTiles,
                                                      Messages& messages);
 
 /// --max-memory, else what the machine can give, else nothing.

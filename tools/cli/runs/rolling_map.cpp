@@ -102,36 +102,11 @@ class RollingRun {
     plan.flights.push_back(source_.flight);
     static_cast<void>(tiles::identified(std::move(plan)));
   }
-  /// What --max-memory leaves for tiles: the rest is the process without any, and a step of scans.
-  [[nodiscard]] std::uint64_t tileLimit() const {
-    if (!limit_bytes_) return 0;
-    constexpr std::uint64_t kForSteps = std::uint64_t{64} << 20;
-    const std::uint64_t used = residentMemoryBytes() + kForSteps;
-    constexpr std::uint64_t kLeastForTiles = std::uint64_t{16} << 20;
-    if (*limit_bytes_ < used + kLeastForTiles) {
-      throw ResourceLimit("limit.memory", "--max-memory",
-                          bytesInWords(static_cast<double>(*limit_bytes_)) +
-                              " leave nothing for tiles: without any the program takes " +
-                              bytesInWords(static_cast<double>(used)),
-                          "Use --max-memory " + std::to_string(((used + 2 * kLeastForTiles) >> 20) + 1) + "M or more");
-    }
-    return *limit_bytes_ - used;
-  }
-  /// The process takes more than tiles count, such as what each keeps for its next scan.
-  void keepWithinLimit(RollingField& field) {
-    if (!limit_bytes_ || report_.scans < tightened_at_ + kStepsToLeave) return;
-    if (residentMemoryBytes() <= *limit_bytes_ / 32 * 31) return;
-    tightened_at_ = report_.scans;
-    share_ =
-        std::min(share_, static_cast<double>(field.status().memory_bytes) / static_cast<double>(tile_limit_bytes_));
-    share_ *= kBelow;
-    field.tighten(share_);
-  }
   RollingField open() {
     const bool resumes = !options_.resume.empty() && RollingField::hasCheckpoint(options_.rolling);
     RollingOptions rolling;
     rolling.folder = options_.rolling;
-    rolling.memory_limit_bytes = tile_limit_bytes_ = tileLimit();
+    rolling.process_limit_bytes = limit_bytes_.value_or(0);
     return resumes ? RollingField::resume(sources_.tools, params_, rolling, tableProgress(messages_))
                    : RollingField(sources_.tools, params_, rolling, tableProgress(messages_));
   }
@@ -211,7 +186,6 @@ class RollingRun {
       }
       report_.frame.add(1e3 * secondsSince(begin));
       words_.note(field.status());
-      keepWithinLimit(field);
       progress.show(step + 1, fs::path(record.path).filename().string());
       if (checkpoint_every_s_ > 0 && secondsSince(last_checkpoint) >= checkpoint_every_s_) {
         try {
@@ -236,7 +210,6 @@ class RollingRun {
     for (const std::string& path : sources_.scans.paths()) hash(path);
     losses_.say(sources_.scans, messages_);
     if (!messages_.quiet()) messages_.notice("scoring, and writing the tiles");
-    field.tighten(share_ / 2);  // a tile is copied while it is written
     io::WriteOptions files = writeOptions(options_.exported);
     files.frame = sources_.scans.frame();
     RollingSource source = source_;
@@ -262,13 +235,8 @@ class RollingRun {
   std::set<std::string> hashed_;
   RollingSource source_;  ///< without what only the end knows
   bool said_failed_ = false;
-  /// Scans after which memory that tiles have left is the system's again.
-  static constexpr std::uint64_t kStepsToLeave = 8;
-  static constexpr double kBelow = 0.95;
   /// Of the process, as the run began: what the machine can give falls as the map grows.
   const std::optional<std::uint64_t> limit_bytes_ = memoryLimit(options_);
-  std::uint64_t tile_limit_bytes_ = 0, tightened_at_ = 0;
-  double share_ = 1;  ///< RollingField::tighten()
 };
 
 }  // namespace

@@ -251,7 +251,9 @@ int correctPoses(const fs::path& out, const MapOptions& options, const FlagParse
                           "Map all scans with the corrected poses and another --rolling folder");
   }
   const OpenJob open = openJob(out, options);
-  if (const auto reason = whyNotInTiles(open.options, open.job.params)) {
+  std::optional<std::string> reason = whyNotInTiles(open.options, open.job.params);
+  if (open.job.params.change.mode == ChangeMode::Full) reason = "--change full makes no tile without the others";
+  if (reason) {
     throw InvalidArgument("usage.poses", out.string(), "cannot be made again in part: " + *reason,
                           "Map all scans with the corrected poses into another folder");
   }

@@ -236,9 +236,6 @@ std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldP
     return "finished tiles are kept without --checkpoint, and the same command goes on with the others";
   }
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
-  if (params.change.mode == ChangeMode::Full) {
-    return "--change full reads rays whose returns lie in other tiles; use --rolling, or --change block";
-  }
   return std::nullopt;
 }
 

@@ -22,6 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
+bool goesSideBySide(const tiles::Job& job) { return job.params.change.mode == ChangeMode::Full; }
+
 void sayDisk(const fs::path& out, std::span<io::ScanSequence* const> flights, Messages& messages) {
   double bytes = 0;
   for (const io::ScanSequence* scans : flights) bytes += static_cast<double>(scans->inputBytes());
@@ -46,22 +48,27 @@ std::string doneInWords(const tiles::Job& job, const tiles::Binned& rays) {
 
 }  // namespace
 
-tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence* const> flights, Messages& messages) {
+tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence* const> flights,
+                              std::optional<std::uint64_t> limit_bytes, Messages& messages) {
   if (auto done = tiles::binned(job.out, job.plan)) {
     // Rays are deleted when all tiles are done, and are needed no more.
     if (tiles::status(job.out, job.plan, *done).todo.empty()) return *done;
   }
-  sayDisk(job.out, flights, messages);
+  const bool fuses = goesSideBySide(job);
+  if (!fuses) sayDisk(job.out, flights, messages);
   const auto begin = Clock::now();
-  Progress progress(messages, "sorting returns into tiles", job.plan.steps());
+  Progress progress(messages, fuses ? "fusing scans, all tiles side by side" : "sorting returns into tiles",
+                    job.plan.steps());
   const tiles::Watch watch = {
       [] { return stopSignal() != 0; },
       [&](std::uint64_t done, std::uint64_t, const std::string& file) { progress.show(done, file); }};
-  tiles::Binned rays = tiles::bin(job, flights, watch);
+  tiles::BinLimits limits;
+  limits.memory_bytes = limit_bytes.value_or(0);
+  tiles::Binned rays = tiles::bin(job, flights, watch, limits);
   progress.finish();
   for (const io::ScanSequence* scans : flights) sayAboutReading(*scans, messages);
   if (rays.complete) {
-    messages.notice("sorted " + std::to_string(rays.points_in) + " returns into " +
+    messages.notice((fuses ? "fused " : "sorted ") + std::to_string(rays.points_in) + " returns into " +
                     std::to_string(rays.returns_of.size()) + " tiles in " + secondsInWords(secondsSince(begin)) + ", " +
                     bytesInWords(static_cast<double>(rays.bytes)) + doneInWords(job, rays));
   }
@@ -156,7 +163,7 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
   report.device.clear();
 
   io::ScanSequence* const flights[] = {&sources.scans};
-  const tiles::Binned rays = binWithProgress(job, flights, messages);
+  const tiles::Binned rays = binWithProgress(job, flights, memoryLimit(options), messages);
   tiles::Status status;
   if (rays.complete) {
     if (rays.points_used == 0) {

@@ -18,9 +18,10 @@ namespace accessvdb::tools {
 /// Points of all tiles that are drawn: enough for a picture of 1600 by 1000 pixels.
 inline constexpr std::uint64_t kPicturePoints = 2'000'000;
 
-/// Reads all scans into rays/. @return what was read; not complete if a signal stopped it
+/// Reads all scans into rays/. @param limit_bytes  tiles::BinLimits
+/// @return what was read; not complete if a signal stopped it
 [[nodiscard]] tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence* const> flights,
-                                            Messages& messages);
+                                            std::optional<std::uint64_t> limit_bytes, Messages& messages);
 
 /// Runs tiles one after the other; one line for each. @return the finished ones among them
 struct TileWork {

@@ -20,6 +20,7 @@
 #include "runs/agreement_check.h"
 #include "runs/first_returns.h"
 #include "runs/memory_check.h"
+#include "runs/scan_stamps.h"
 #include "runs/tile_correction.h"
 #include "runs/tile_job.h"
 #include "runs/tile_requests.h"
@@ -127,6 +128,8 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   if (const auto reason = whyNotInTiles(options, params)) {
     throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave that option out");
   }
+  sayChangeNotes(params, messages);
+  requireStamps(options, params, scans, messages);
   static_cast<void>(checkAgreement(options, params.tsdf.range_noise_m, scans, messages));
   const PlanSettings settings = planSettings(flags);
   const PlanSources sources = {options, settings, tools, scans, params};
@@ -137,7 +140,10 @@ int planTiles(const Arguments& arguments, Messages& messages) {
         options, tools, RunOutput::Field, scans, [&] { return margins; }, messages);
     if (!memory) return 128 + stopSignal();
     // What fits in one piece is still to be shared: four tiles at least, unless they would be smaller than is useful.
-    edge = memory->tile_voxels > 0 ? memory->tile_voxels : margins.least_tile_voxels * 4;
+    const bool full = params.change.mode == ChangeMode::Full;
+    edge = memory->tile_voxels > 0 ? memory->tile_voxels
+           : full                  ? tiles::edgeSideBySide(margins, params)
+                                   : margins.least_tile_voxels * 4;
   }
   (void)planOf(sources, edge, messages);
   return 0;
@@ -148,13 +154,16 @@ int binScans(const Arguments& arguments, Messages& messages) {
   FlagParser flags;
   flags.describe("tile bin", "Reads every scan once and sorts its returns by tile, into OUT/rays.",
                  "accessvdb tile bin out/");
+  flags.option("--max-memory", &options.map.max_memory,
+               "limit on memory with --change full, for which all tiles take the scans side by side");
   if (!parseStep(flags, options, arguments, messages)) return 0;
   io::prepareOutputFolder(options.map.out);
   watchStopSignals();
   const OpenJob open = openJob(options.map.out, options.map);
   requireNoInputsInTiles(open.job.out, inputsOf(open.job.plan));
   const OpenScans scans(open, messages);
-  return binWithProgress(open.job, scans.flights(), messages).complete ? 0 : 128 + stopSignal();
+  const auto limit_bytes = memoryLimit(options.map);
+  return binWithProgress(open.job, scans.flights(), limit_bytes, messages).complete ? 0 : 128 + stopSignal();
 }
 
 int runTiles(const Arguments& arguments, Messages& messages) {
