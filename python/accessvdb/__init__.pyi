@@ -67,6 +67,7 @@ class PointReason(enum.IntEnum):
     ARM = 5
     TOOL = 6
     CHANGED = 7
+    BESIDE_SURFACE = 8
 
 class ProjectiveParams:
     bin_rad: float

@@ -23,8 +23,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kNameAttempts = 100;
-/// Nothing is called gone in tiles.
+/// Nothing is called gone in tiles, and points lie beside a surface only where not every one is scored.
 constexpr int kTileReasons = static_cast<int>(PointReason::Changed);
+constexpr std::size_t kBeside = static_cast<std::size_t>(PointReason::BesideSurface);
 
 fs::path tilesFolder(const fs::path& out) { return out / "tiles"; }
 fs::path splitMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".split.json"); }
@@ -91,6 +92,9 @@ std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId
           .at(accessvdb::name(static_cast<PointReason>(n)))
           .get_to(tile.reasons[static_cast<std::size_t>(n)]);
     }
+    if (const char* beside = accessvdb::name(PointReason::BesideSurface); json.at("reasons").contains(beside)) {
+      json.at("reasons").at(beside).get_to(tile.reasons[kBeside]);
+    }
     json.at("min_W").get_to(tile.min_W);
     json.at("max_W").get_to(tile.max_W);
     json.at("seconds").get_to(tile.seconds);
@@ -109,6 +113,7 @@ void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
   for (int n = 0; n < kTileReasons; ++n) {
     reasons[accessvdb::name(static_cast<PointReason>(n))] = tile.reasons[static_cast<std::size_t>(n)];
   }
+  if (tile.reasons[kBeside] > 0) reasons[accessvdb::name(PointReason::BesideSurface)] = tile.reasons[kBeside];
   for (const auto& [name, sha256] : tile.sha256) files[name] = sha256;
   const FieldWindow window = tile.id.window(plan.tile_voxels);
   writeJson(folder / kTileManifest, {{"plan", plan.id()},
