@@ -179,6 +179,7 @@ class ScoringParams:
     neighbourhood_weight: bool
     confidence_half_weight: float
     confidence_min: float
+    point_spacing_m: float
     def __init__(
         self,
         *,
@@ -193,6 +194,7 @@ class ScoringParams:
         neighbourhood_weight: bool = ...,
         confidence_half_weight: float = ...,
         confidence_min: float = ...,
+        point_spacing_m: float = ...,
     ) -> None: ...
     def __copy__(self) -> ScoringParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ScoringParams: ...

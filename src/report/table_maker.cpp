@@ -159,7 +159,7 @@ std::string csvOf(const PointTable& table) {
   const double v = table.voxel_size_m;
   std::string text = kTableBegin;
   text += "blocked_m2,unscored_m2";
-  for (int n = 1; n < kReasonsWithArea; ++n) text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
+  for (int n = 1; n < internal::kReasonsWithArea; ++n) text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
   text += ",mean_score,min_x,min_y,min_z,max_x,max_y,max_z,height_m,extent_m";
   for (const std::string& tool : table.tools) text.append(",accessible_").append(tool).append("_m2");
   text += "\n";
@@ -176,7 +176,7 @@ std::string csvOf(const PointTable& table) {
     put(internal::fixedText(share, 6));
     put(blocked.text(v));
     put(row.unscored.text(v));
-    for (int n = 1; n < kReasonsWithArea; ++n) put(row.area[static_cast<std::size_t>(n)].text(v));
+    for (int n = 1; n < internal::kReasonsWithArea; ++n) put(row.area[static_cast<std::size_t>(n)].text(v));
     const auto scored = static_cast<double>(row.scored);
     put(row.scored > 0 ? internal::fixedText(static_cast<double>(row.score_sum) / scored, 3) : "");
     const bool empty = row.box_W.isEmpty();
