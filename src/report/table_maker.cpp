@@ -159,7 +159,8 @@ std::string csvOf(const PointTable& table) {
   const double v = table.voxel_size_m;
   std::string text = kTableBegin;
   text += "blocked_m2,unscored_m2";
-  for (int n = 1; n < internal::kReasonsWithArea; ++n) text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
+  for (int n = 1; n < internal::kReasonsWithArea; ++n)
+    text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
   text += ",mean_score,min_x,min_y,min_z,max_x,max_y,max_z,height_m,extent_m";
   for (const std::string& tool : table.tools) text.append(",accessible_").append(tool).append("_m2");
   text += "\n";
