@@ -54,8 +54,10 @@ enum {  ///< why a point is not accessible; accessvdb/point_label.h explains the
   ACCESSVDB_REASON_UNKNOWN = 4,
   ACCESSVDB_REASON_ARM = 5,
   ACCESSVDB_REASON_TOOL = 6,
-  ACCESSVDB_NUM_REASONS = 7,    ///< those of accessvdb_counts::reasons
-  ACCESSVDB_REASON_CHANGED = 7  ///< since version 5: has gone, by rays or by removal as free; counted by itself
+  ACCESSVDB_NUM_REASONS = 7,           ///< those of accessvdb_counts::reasons
+  ACCESSVDB_REASON_CHANGED = 7,        ///< since version 5: has gone, by rays or by removal as free; counted by itself
+  ACCESSVDB_REASON_BESIDE_SURFACE = 8  ///< since version 7: with point_spacing_m, another point is scored in its place;
+                                       ///< counted by itself
 };
 enum { ACCESSVDB_NUM_DROP_REASONS = 5 };  ///< no return, non-finite, below min range, beyond max range, out of bounds
 enum {
@@ -178,6 +180,7 @@ typedef struct accessvdb_params {
   /// Version 6. Names of what returns carry to the points, with a blank between them; read by the call that it is
   /// passed to. NULL = nothing
   const char* carry;
+  double point_spacing_m;  ///< version 7: 0 = all points are scored; else one for each cell of this edge
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.
@@ -234,7 +237,8 @@ typedef struct accessvdb_counts {
   uint64_t points;
   uint64_t labels[ACCESSVDB_NUM_LABELS];
   uint64_t reasons[ACCESSVDB_NUM_REASONS];
-  uint64_t changed;  ///< since version 5: points with ACCESSVDB_REASON_CHANGED
+  uint64_t changed;         ///< since version 5: points with ACCESSVDB_REASON_CHANGED
+  uint64_t beside_surface;  ///< since version 7: points with ACCESSVDB_REASON_BESIDE_SURFACE
 } accessvdb_counts;
 
 /// @param params  NULL: the defaults

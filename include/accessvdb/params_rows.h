@@ -204,7 +204,13 @@ inline constexpr auto kParamRows<ScoringParams> = std::tuple(
     paramRow<&ScoringParams::confidence_half_weight, &accessvdb_params::confidence_half_weight>(
         "confidence_half_weight", ParamRange{0.01, 1000}, "[k_c] c = w / (w + k_c)."),
     paramRow<&ScoringParams::confidence_min, &accessvdb_params::confidence_min>(
-        "confidence_min", ParamRange{0, 0.99}, "[c_min] Points below are not scored."));
+        "confidence_min", ParamRange{0, 0.99}, "[c_min] Points below are not scored."),
+    paramRow<&ScoringParams::point_spacing_m, &accessvdb_params::point_spacing_m>(
+        "point_spacing_m",
+        [](const FieldParams& p) {
+          return ParamRange{0, p.tsdf.truncation_distance_m, "Points may be spaced by at most tau; 0 scores them all"};
+        },
+        "0: every point is scored. Above: one for each cell of this edge, where the surface is."));
 
 template <>
 inline constexpr auto kParamRows<UpdateParams> = std::tuple(

@@ -16,16 +16,17 @@ inline constexpr int kNumPointLabels = 3;
 
 /// Why a point is not accessible: the stage at which the direction that came closest failed.
 enum class PointReason : std::uint8_t {
-  None = 0,        ///< accessible
-  Confidence = 1,  ///< too few observations of the surface
-  Normal = 2,      ///< no direction is inside the cone around the normal, or there is no normal
-  Unseen = 3,      ///< the point was never observed from a direction inside the cone
-  Unknown = 4,     ///< the approach corridor runs through unobserved space
-  Arm = 5,         ///< the approach corridor is obstructed
-  Tool = 6,        ///< the tool would collide
-  Changed = 7      ///< what was here has gone (ChangeMode::Full) or was removed as free
+  None = 0,          ///< accessible
+  Confidence = 1,    ///< too few observations of the surface
+  Normal = 2,        ///< no direction is inside the cone around the normal, or there is no normal
+  Unseen = 3,        ///< the point was never observed from a direction inside the cone
+  Unknown = 4,       ///< the approach corridor runs through unobserved space
+  Arm = 5,           ///< the approach corridor is obstructed
+  Tool = 6,          ///< the tool would collide
+  Changed = 7,       ///< what was here has gone (ChangeMode::Full) or was removed as free
+  BesideSurface = 8  ///< another point, nearer to the surface, is scored in its place (ScoringParams::point_spacing_m)
 };
-inline constexpr int kNumPointReasons = 8;
+inline constexpr int kNumPointReasons = 9;
 
 /// Lower-case names as written to files: "unscored", "accessible", "blocked".
 constexpr const char* name(PointLabel label) {
@@ -34,10 +35,10 @@ constexpr const char* name(PointLabel label) {
 }
 
 /// Lower-case names as written to files: "none", "confidence", "normal", "unseen", "unknown", "arm", "tool",
-/// "changed".
+/// "changed", "beside_surface".
 constexpr const char* name(PointReason reason) {
-  constexpr const char* kNames[kNumPointReasons] = {"none",    "confidence", "normal", "unseen",
-                                                    "unknown", "arm",        "tool",   "changed"};
+  constexpr const char* kNames[kNumPointReasons] = {"none", "confidence", "normal",  "unseen",        "unknown",
+                                                    "arm",  "tool",       "changed", "beside_surface"};
   return kNames[static_cast<int>(reason)];
 }
 

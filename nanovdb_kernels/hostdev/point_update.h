@@ -5,6 +5,7 @@
 #pragma once
 
 #include "direction_search.h"
+#include "surface_choice.h"
 
 namespace accessvdb::kernels {
 
@@ -31,7 +32,8 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const Sc
     points.direction[id] = kNoDirection;
     if (points.roll != nullptr) points.roll[id] = 0;
     points.label[id] = PointLabel::Unscored;
-    points.reason[id] = PointReason::Normal;
+    const bool beside = besideSurfaceAxis(points.normal_L + 3 * static_cast<std::size_t>(id)) >= 0;
+    points.reason[id] = beside ? PointReason::BesideSurface : PointReason::Normal;
     return;
   }
   const std::uint16_t score_before = points.score[id], direction_before = points.direction[id];

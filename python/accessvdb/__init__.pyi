@@ -67,6 +67,7 @@ class PointReason(enum.IntEnum):
     ARM = 5
     TOOL = 6
     CHANGED = 7
+    BESIDE_SURFACE = 8
 
 class ProjectiveParams:
     bin_rad: float
@@ -178,6 +179,7 @@ class ScoringParams:
     neighbourhood_weight: bool
     confidence_half_weight: float
     confidence_min: float
+    point_spacing_m: float
     def __init__(
         self,
         *,
@@ -192,6 +194,7 @@ class ScoringParams:
         neighbourhood_weight: bool = ...,
         confidence_half_weight: float = ...,
         confidence_min: float = ...,
+        point_spacing_m: float = ...,
     ) -> None: ...
     def __copy__(self) -> ScoringParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ScoringParams: ...

@@ -202,8 +202,16 @@ int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts)
     c.points = snapshot.points.size();
     for (const SurfacePoint& point : snapshot.points) {
       ++c.labels[static_cast<std::size_t>(point.label)];
-      ++(point.reason == accessvdb::PointReason::Changed ? c.changed
-                                                         : c.reasons[static_cast<std::size_t>(point.reason)]);
+      switch (point.reason) {
+        case accessvdb::PointReason::Changed:
+          ++c.changed;
+          break;
+        case accessvdb::PointReason::BesideSurface:
+          ++c.beside_surface;
+          break;
+        default:
+          ++c.reasons[static_cast<std::size_t>(point.reason)];
+      }
     }
     capi::writeSized(counts, size, c);
   });

@@ -10,7 +10,8 @@
 static_assert(ACCESSVDB_NUM_LABELS == accessvdb::kNumPointLabels);
 static_assert(ACCESSVDB_NUM_REASONS == ACCESSVDB_REASON_CHANGED);  // an array in a struct of version 1 has this length
 static_assert(ACCESSVDB_REASON_CHANGED == static_cast<int>(accessvdb::PointReason::Changed));
-static_assert(ACCESSVDB_REASON_CHANGED + 1 == accessvdb::kNumPointReasons);
+static_assert(ACCESSVDB_REASON_BESIDE_SURFACE == static_cast<int>(accessvdb::PointReason::BesideSurface));
+static_assert(ACCESSVDB_REASON_BESIDE_SURFACE + 1 == accessvdb::kNumPointReasons);
 static_assert(ACCESSVDB_NUM_DROP_REASONS == accessvdb::kNumDropReasons);
 static_assert(ACCESSVDB_BLOCKED == static_cast<int>(accessvdb::PointLabel::Blocked));
 static_assert(ACCESSVDB_REASON_TOOL == static_cast<int>(accessvdb::PointReason::Tool));

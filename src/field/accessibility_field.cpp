@@ -51,7 +51,7 @@ AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldP
         const FieldParams resolved = internal::resolvedFor(list.front(), params);
         internal::requireManyTools(list, resolved);
         if (tables == nullptr) requireAlone(resolved);
-        return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
+        return internal::onBackend(resolved, [&](internal::ChosenBackend chosen) {
           return std::make_unique<Impl>(list, resolved, std::move(chosen), progress, tables);
         });
       })) {}

@@ -31,10 +31,13 @@ struct ChosenBackend {
 /// making fails on it: a card without room for the first tables is of no use either.
 /// @param make  called with a ChosenBackend, at most twice
 template <typename Make>
-auto onBackend(BackendKind kind, const Make& make) -> decltype(make(ChosenBackend{})) {
-  if (kind == BackendKind::Cuda) return make(cudaBackend());
+auto onBackend(const FieldParams& resolved, const Make& make) -> decltype(make(ChosenBackend{})) {
+  if (resolved.backend == BackendKind::Cuda) return make(cudaBackend());
   ChosenBackend cpu = cpuBackend();
-  if (kind == BackendKind::Auto) {
+  if (resolved.backend == BackendKind::Auto && resolved.scoring.point_spacing_m > 0) {
+    cpu.note_id = "device.points";
+    cpu.note = "only the CPU can score fewer points";
+  } else if (resolved.backend == BackendKind::Auto) {
     try {
       return make(cudaBackend());
     } catch (const Error& error) {

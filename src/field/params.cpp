@@ -132,6 +132,23 @@ void requireChange(const FieldParams& p) {
   }
 }
 
+/// What cannot leave points out. @param p  with a spacing
+void requireSpacing(const FieldParams& p) {
+  const auto refuse = [](const std::string& subject, const std::string& problem, const std::string& advice) {
+    throw InvalidArgument("config.points", subject, problem, advice);
+  };
+  if (p.update.policy == UpdatePolicy::Paper) {
+    refuse("policy", "the paper's policy scores every point", "Use UpdatePolicy::Exact, or score all points");
+  }
+  if (p.change.mode == ChangeMode::Full) {
+    refuse("change", "a surface that has gone would keep the points beside it from being scored",
+           "Use ChangeMode::Block, or score all points");
+  }
+  if (p.backend == BackendKind::Cuda) {
+    refuse("backend", "the CUDA backend scores every point", "Use BackendKind::Cpu, or score all points");
+  }
+}
+
 void requireWindow(const FieldParams& p) {
   const auto refuse = [](const std::string& problem, const std::string& advice) {
     throw InvalidArgument("config.window", "window", problem, advice);
@@ -204,6 +221,7 @@ FieldParams FieldParams::resolved() const {
   if (s.collision_distance_m == 0) s.collision_distance_m = 0.5 * t.voxel_size_m;
   if (s.neighbours == 0) s.neighbours = neighboursFor(t.range_noise_m, t.voxel_size_m);
   requireRanges(s, p);
+  if (s.point_spacing_m > 0) s.point_spacing_m = std::max(s.point_spacing_m, t.voxel_size_m);
 
   requireRanges(p.update, p);
   requireChange(p);
@@ -214,6 +232,7 @@ FieldParams FieldParams::resolved() const {
   }
   requireRanges(p, p);
   if (p.window) requireWindow(p);
+  if (s.point_spacing_m > 0) requireSpacing(p);
   requireOrientations(p);
   internal::requireCarry(p.carry);
   return p;
@@ -241,6 +260,8 @@ std::string FieldParams::describe() const {
         if (value != ChangeMode::Off) put(row.c_name, text(value));
       } else if constexpr (Row::template is<&ChangeParams::free_for_s>) {
         if (change.mode == ChangeMode::Full) put(row.c_name, text(value));
+      } else if constexpr (Row::template is<&ScoringParams::point_spacing_m>) {
+        if (value > 0) put(row.c_name, text(value));  // files of all points are those from before there was a choice
       } else if constexpr (Row::template is<&ApproachParams::num_directions>) {
         put(row.c_name, text(value));
         putOrientations();

@@ -120,6 +120,9 @@ std::vector<LegendRow> legendOf(const PointCounts& points, RenderColour colour) 
   if (const std::uint64_t changed = reasons[static_cast<std::size_t>(PointReason::Changed)]; changed > 0) {
     rows.push_back({"has gone", internal::colourOf(PointReason::Changed), changed});
   }
+  if (const std::uint64_t beside = reasons[static_cast<std::size_t>(PointReason::BesideSurface)]; beside > 0) {
+    rows.push_back({"beside the surface", internal::colourOf(PointReason::BesideSurface), beside});
+  }
   return rows;
 }
 

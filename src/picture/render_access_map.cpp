@@ -63,6 +63,8 @@ const char* meaning(PointReason reason) {
       return "arm: the way is obstructed";
     case PointReason::Changed:
       return "changed: what was here has gone";
+    case PointReason::BesideSurface:
+      return "beside_surface: another point is scored";
     case PointReason::Tool:
       break;
   }

@@ -3,9 +3,9 @@
 #include "points/nearest_points.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
+#include "points/ids_in_box.h"
 #include "processor/prefetch.h"
 
 namespace accessvdb::internal {
@@ -58,29 +58,6 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
   found_.resize(positions_.lanes() + NearPositions::kLanes);
 }
 
-/// Appends the ids of the part of a block that is in a box of voxels. @param low, high  inclusive
-void NearestPoints::listInBox(const PointBlock& block, const Index3& low, const Index3& high) {
-  const auto from = [&](std::size_t axis) { return std::max(0, low[axis] - block.leaf[axis] * 8); };
-  const auto to = [&](std::size_t axis) { return std::min(7, high[axis] - block.leaf[axis] * 8); };
-  constexpr std::uint64_t kEachRow = 0x0101010101010101u, kAll = ~std::uint64_t{0};
-  const std::uint64_t row = (0xffu << from(2)) & (0xffu >> (7 - to(2)));
-  const std::uint64_t plane = row * kEachRow & kAll << (8 * from(1)) & kAll >> (8 * (7 - to(1)));
-  const int x_low = from(0), x_high = to(0);
-  const std::uint32_t* id = block.ids.data();  // of the next set bit
-  for (int x = 0; x <= x_high; ++x) {
-    const std::uint64_t occupied = block.occupied[static_cast<std::size_t>(x)];
-    const std::uint64_t wanted = x < x_low ? 0 : occupied & plane;
-    if (wanted == 0) {
-      id += std::popcount(occupied);
-      continue;
-    }
-    // There are only a few bits, so going through them is faster than counting those below each one.
-    for (std::uint64_t bits = occupied; bits != 0; bits &= bits - 1, ++id) {
-      if ((wanted & bits & -bits) != 0) ids_.push_back(*id);
-    }
-  }
-}
-
 /// Gathers what is as near to these points as the last neighbours were.
 void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
   const double reach_voxels = std::sqrt(static_cast<double>(guess_)) / steps_per_m_ / voxel_size_m_;
@@ -117,7 +94,7 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
   for (std::size_t n = 0; n < kBlocksAhead; ++n) prefetchIds(n);
   for (std::size_t n = 0; n < near_blocks_.size(); ++n) {
     prefetchIds(n + kBlocksAhead);
-    listInBox(blocks[near_blocks_[n]], low, high);
+    forEachIdInBox(blocks[near_blocks_[n]], low, high, [this](std::uint32_t id) { ids_.push_back(id); });
   }
   constexpr std::size_t kAhead = 12;  // points are scattered in memory
   for (std::size_t n = 0; n < std::min(kAhead, ids_.size()); ++n) prefetchRead(&points_.pca_L(ids_[n]));

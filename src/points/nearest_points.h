@@ -62,7 +62,6 @@ class NearestPoints {
  private:
   void gather(const Index3& leaf, std::int32_t rings);
   void gatherNear(std::span<const std::uint32_t> ids);
-  void listInBox(const PointBlock& block, const Index3& low, const Index3& high);
   bool find(std::uint32_t id);
   std::size_t measure(const Eigen::Vector3f& centre, std::int64_t squared);
   double nth(std::size_t n, double most, std::size_t within) const;

@@ -23,7 +23,8 @@ NeighbourhoodSearch::NeighbourhoodSearch(const PointStore& points, const FieldPa
       k_(resolved.scoring.neighbours),
       join_views_(resolved.scoring.join_neighbour_views),
       voxel_size_m_(resolved.tsdf.voxel_size_m),
-      radius_m_(neighbourRadius_m(resolved.tsdf.voxel_size_m)) {}
+      radius_m_(neighbourRadius_m(resolved.tsdf.voxel_size_m)),
+      choice_(surfaceChoice(resolved)) {}
 
 void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out,
                                   std::uint64_t* wide_seen) const {
@@ -47,16 +48,18 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
   begin.push_back(jobs.size());
   struct Scratch {
     NearestPoints nearest;
+    SurfaceColumns columns;
     std::vector<std::uint32_t> ids;
     // Of those with enough neighbours for a normal.
     std::vector<std::uint32_t> jobs;
     std::vector<kernels::Covariance> covariances;
     std::vector<float> normals;
-    explicit Scratch(NearestPoints&& search) : nearest(std::move(search)) {}
+    Scratch(NearestPoints&& search, SurfaceColumns&& choice) : nearest(std::move(search)), columns(std::move(choice)) {}
   };
   const NormalKernels& normal_kernels = normalKernels();
   tbb::enumerable_thread_specific<Scratch> scratches([this] {
-    return Scratch(NearestPoints(points_, static_cast<std::size_t>(k_), kViewNeighbours, voxel_size_m_, radius_m_));
+    return Scratch(NearestPoints(points_, static_cast<std::size_t>(k_), kViewNeighbours, voxel_size_m_, radius_m_),
+                   SurfaceColumns(points_, choice_));
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, begin.size() - 1), [&](const auto& range) {
     Scratch& scratch = scratches.local();
@@ -88,6 +91,10 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
         const std::uint32_t slot = jobs[scratch.jobs[n]].slot;
         float* normal = scratch.normals.data() + 3 * n;
         kernels::turnTowards(points_.toSensor_L(ids[slot]).data(), normal);
+        if (choice_.isMade()) {
+          const int axis = kernels::mainAxis(normal);
+          if (!scratch.columns.isOnSurface(ids[slot], axis)) kernels::writeBesideSurface(axis, normal);
+        }
         out[slot].normal_L = Eigen::Map<const Eigen::Vector3f>(normal);
       }
     }

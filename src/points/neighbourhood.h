@@ -12,14 +12,16 @@
 
 #include "points/nearest_points.h"
 #include "points/point_store.h"
+#include "points/surface_columns.h"
 
 namespace accessvdb::internal {
 
 struct Neighbourhood {
-  Eigen::Vector3f normal_L = {0, 0, 0};  ///< zero if fewer than three points are near
-  DirectionMask seen = {};               ///< own directions joined with those of the nearest ten
-  float reach_m = 0;                     ///< points farther away cannot change any of this
-  bool wide_views_changed = false;       ///< of a wide set: joined directions, which are written in place
+  /// Zero if fewer than three points are near, and of points that are not scored (kernels::writeBesideSurface).
+  Eigen::Vector3f normal_L = {0, 0, 0};
+  DirectionMask seen = {};          ///< own directions joined with those of the nearest ten
+  float reach_m = 0;                ///< points farther away cannot change these, but whether the point is scored
+  bool wide_views_changed = false;  ///< of a wide set: joined directions, which are written in place
 };
 
 /// Points that share their seen directions (docs/PAPER_MAP.md, "Normals": the 10 nearest, including the point itself).
@@ -38,6 +40,8 @@ class NeighbourhoodSearch {
                std::uint64_t* wide_seen = nullptr) const;
 
   [[nodiscard]] double radius_m() const { return radius_m_; }
+  /// Which points are scored; those that compete may be farther away than neighbours.
+  [[nodiscard]] const kernels::SurfaceChoice& choice() const { return choice_; }
 
  private:
   [[nodiscard]] Neighbourhood fromNeighbours(std::uint32_t id, const Neighbours& neighbours, double steps_per_m) const;
@@ -47,6 +51,7 @@ class NeighbourhoodSearch {
   int k_;
   bool join_views_;
   double voxel_size_m_, radius_m_;
+  kernels::SurfaceChoice choice_;
 };
 
 }  // namespace accessvdb::internal

@@ -86,6 +86,7 @@ class PointStore {
   [[nodiscard]] const Eigen::Vector3f& first_L(std::uint32_t id) const { return first_L_[id]; }
   /// Position that neighbourhoods are based on: mean return (product) or first return (paper).
   [[nodiscard]] const Eigen::Vector3f& pca_L(std::uint32_t id) const { return pca_L_[id]; }
+  [[nodiscard]] std::uint32_t returns(std::uint32_t id) const { return sums_[id].returns; }
   [[nodiscard]] Eigen::Vector3d meanSensor_L(std::uint32_t id) const;
   /// From the first return to the mean sensor position, metres: the side that normals point to.
   [[nodiscard]] Eigen::Vector3f toSensor_L(std::uint32_t id) const {

@@ -72,4 +72,9 @@ double areaOfPoint_m2(const Eigen::Vector3d& place, const Eigen::Vector3f& norma
   return twice / 2 * face_m2;
 }
 
+double areaOfCell_m2(const Eigen::Vector3f& normal_W, double cell_m) {
+  const Eigen::Vector3d n = normal_W.cast<double>();
+  return cell_m * cell_m * n.norm() / n.cwiseAbs().maxCoeff();
+}
+
 }  // namespace accessvdb::internal

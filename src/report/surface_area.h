@@ -14,4 +14,8 @@ namespace accessvdb::internal {
 /// @return square metres
 [[nodiscard]] double areaOfPoint_m2(const Eigen::Vector3d& place, const Eigen::Vector3f& normal_W, double voxel_size_m);
 
+/// Where one point is scored of those that lie along a normal's main axis, it stands for the part of its tangent plane
+/// above its cell across that axis. @param normal_W  not zero
+[[nodiscard]] double areaOfCell_m2(const Eigen::Vector3f& normal_W, double cell_m);
+
 }  // namespace accessvdb::internal

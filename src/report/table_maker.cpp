@@ -16,6 +16,9 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr double kFine_m = 0.01;
+/// Points beside the surface stand for none of it.
+constexpr int kReasonsWithArea = static_cast<int>(PointReason::BesideSurface);
+static_assert(kReasonsWithArea + 1 == kNumPointReasons);
 
 int decimalsOf(double voxel_size_m) { return voxel_size_m < kFine_m ? 12 : 9; }
 double stepsPer_m2(double voxel_size_m) { return voxel_size_m < kFine_m ? 1e12 : 1e9; }
@@ -55,7 +58,10 @@ std::string fixedText(double value, int decimals) {
 bool hasRows(const std::string& attribute) { return attribute != "scan" && attribute != "index"; }
 
 TableMaker::TableMaker(const FieldFolder& folder)
-    : origin_W_(folder.origin_W), voxel_size_m_(folder.voxel_size_m), tools_(folder.tools) {
+    : origin_W_(folder.origin_W),
+      voxel_size_m_(folder.voxel_size_m),
+      cell_m_(io::pointCell_m(folder.metadata, folder.voxel_size_m)),
+      tools_(folder.tools) {
   for (std::size_t column = 0; column < folder.attributes.size(); ++column) {
     if (!hasRows(folder.attributes[column])) continue;
     names_.push_back(folder.attributes[column]);
@@ -66,7 +72,7 @@ TableMaker::TableMaker(const FieldFolder& folder)
 }
 
 std::uint64_t TableMaker::add(const SurfacePoint& point, std::span<const std::int32_t> carried) {
-  const std::uint64_t steps = io::areaOf(point, origin_W_, voxel_size_m_).steps;
+  const std::uint64_t steps = io::areaOf(point, origin_W_, voxel_size_m_, cell_m_).steps;
   addPoint(point, steps, tools_.size(), whole_);
   for (std::size_t c = 0; c < rows_.size(); ++c) addPoint(point, steps, tools_.size(), rows_[c][carried[columns_[c]]]);
   return steps;
@@ -94,12 +100,25 @@ io::PointTable TableMaker::finish() const {
 
 namespace accessvdb::io {
 
-ExactArea areaOf(const SurfacePoint& point, const Eigen::Vector3d& origin_W, double voxel_size_m) {
+ExactArea areaOf(const SurfacePoint& point, const Eigen::Vector3d& origin_W, double voxel_size_m, double cell_m) {
   // Voxels lie around whole numbers.
   const Eigen::Vector3d voxels = (point.position_W - origin_W) / voxel_size_m + Eigen::Vector3d::Constant(0.5);
   const Eigen::Vector3d place = voxels - voxels.array().floor().matrix();
-  const double area_m2 = internal::areaOfPoint_m2(place, point.normal_W, voxel_size_m);
+  if (point.reason == PointReason::BesideSurface) return {};
+  const bool by_cell = cell_m > 0 && point.normal_W.squaredNorm() > 0;
+  const double area_m2 = by_cell ? internal::areaOfCell_m2(point.normal_W, cell_m)
+                                 : internal::areaOfPoint_m2(place, point.normal_W, voxel_size_m);
   return {static_cast<std::uint64_t>(std::llround(area_m2 * internal::stepsPer_m2(voxel_size_m)))};
+}
+
+double pointCell_m(const FieldMetadata& metadata, double voxel_size_m) {
+  for (const auto& [name, text] : metadata) {
+    double spacing_m = 0;
+    const char* const end = text.data() + text.size();
+    if (name != "point_spacing_m" || std::from_chars(text.data(), end, spacing_m).ptr != end) continue;
+    return spacing_m > 0 ? std::max(1.0, std::round(spacing_m / voxel_size_m)) * voxel_size_m : 0;
+  }
+  return 0;
 }
 
 double ExactArea::m2(double voxel_size_m) const {
@@ -140,7 +159,8 @@ std::string csvOf(const PointTable& table) {
   const double v = table.voxel_size_m;
   std::string text = kTableBegin;
   text += "blocked_m2,unscored_m2";
-  for (int n = 1; n < kNumPointReasons; ++n) text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
+  for (int n = 1; n < internal::kReasonsWithArea; ++n)
+    text.append(",").append(name(static_cast<PointReason>(n))).append("_m2");
   text += ",mean_score,min_x,min_y,min_z,max_x,max_y,max_z,height_m,extent_m";
   for (const std::string& tool : table.tools) text.append(",accessible_").append(tool).append("_m2");
   text += "\n";
@@ -157,7 +177,7 @@ std::string csvOf(const PointTable& table) {
     put(internal::fixedText(share, 6));
     put(blocked.text(v));
     put(row.unscored.text(v));
-    for (int n = 1; n < kNumPointReasons; ++n) put(row.area[static_cast<std::size_t>(n)].text(v));
+    for (int n = 1; n < internal::kReasonsWithArea; ++n) put(row.area[static_cast<std::size_t>(n)].text(v));
     const auto scored = static_cast<double>(row.scored);
     put(row.scored > 0 ? internal::fixedText(static_cast<double>(row.score_sum) / scored, 3) : "");
     const bool empty = row.box_W.isEmpty();

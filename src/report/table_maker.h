@@ -29,6 +29,7 @@ class TableMaker {
  private:
   Eigen::Vector3d origin_W_;
   double voxel_size_m_;
+  double cell_m_;  ///< io::pointCell_m()
   std::vector<std::string> names_, tools_;
   std::vector<std::size_t> columns_;  ///< of the names, in what points carry
   io::PointRow whole_;

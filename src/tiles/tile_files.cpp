@@ -23,8 +23,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kNameAttempts = 100;
-/// Only with ChangeMode::Full: older files are without.
-bool isOptional(PointReason reason) { return reason == PointReason::Changed; }
+/// Only with ChangeMode::Full, or where not every point is scored: older files are without.
+bool isOptional(PointReason reason) { return reason == PointReason::Changed || reason == PointReason::BesideSurface; }
 
 fs::path tilesFolder(const fs::path& out) { return out / "tiles"; }
 fs::path splitMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".split.json"); }

@@ -35,6 +35,22 @@ bool isNewerThanIndex(const IndexedTile& tile) {
   return other;
 }
 
+using Reasons = std::array<std::uint64_t, kNumPointReasons>;
+/// Those that every index lists; any more only if there are some, so that files stay as they are.
+constexpr std::size_t kListedReasons = static_cast<std::size_t>(PointReason::Changed) + 1;
+
+Json jsonOfReasons(const Reasons& reasons) {
+  std::size_t count = reasons.size();
+  while (count > kListedReasons && reasons[count - 1] == 0) --count;
+  return Json(std::vector<std::uint64_t>(reasons.begin(), reasons.begin() + static_cast<std::ptrdiff_t>(count)));
+}
+
+void readReasons(const Json& json, Reasons& reasons) {
+  for (std::size_t n = 0; n < std::min(std::max(json.size(), kListedReasons), reasons.size()); ++n) {
+    json.at(n).get_to(reasons[n]);
+  }
+}
+
 }  // namespace
 
 void writeIndex(const fs::path& out, const Plan& plan, const Status& status) {
@@ -50,7 +66,7 @@ void writeIndex(const fs::path& out, const Plan& plan, const Status& status) {
                     {"folder", (fs::path("tiles") / tile.id.name()).string()},
                     {"points", tile.points},
                     {"labels", tile.labels},
-                    {"reasons", tile.reasons},
+                    {"reasons", jsonOfReasons(tile.reasons)},
                     {"min_W", tile.min_W},
                     {"max_W", tile.max_W},
                     {"files", files}});
@@ -83,7 +99,7 @@ Index readIndex(const fs::path& out) {
       tile.folder = out / "tiles" / tile.id.name();
       entry.at("points").get_to(tile.points);
       entry.at("labels").get_to(tile.labels);
-      entry.at("reasons").get_to(tile.reasons);
+      readReasons(entry.at("reasons"), tile.reasons);
       entry.at("min_W").get_to(tile.min_W);
       entry.at("max_W").get_to(tile.max_W);
       if (entry.contains("files")) {

@@ -45,6 +45,7 @@ class ExactOnHost final : public HostScheduler {
   ExactOnHost(const ScheduledTool& tool, std::shared_ptr<ScanChanges> changes)
       : HostScheduler(tool, std::move(changes)),
         approach_(tool.host.approach),
+        all_directions_(kernels::allDirections(approach_.num_directions)),
         limit_(tool.host.tool.collision_limit),
         corridors_(approach_, scorer_.params().tsdf.voxel_size_m),
         known_(tool.host.tool, approach_.num_directions, approach_.axes_xyz != nullptr) {}
@@ -140,6 +141,13 @@ class ExactOnHost final : public HostScheduler {
   [[nodiscard]] kernels::PointDirections directionsOf(std::uint32_t id) const {
     const PointRecord& record = scorer_.record(id);
     return {{record.normal_L.x(), record.normal_L.y(), record.normal_L.z()}, record.seen};
+  }
+  /// Corridors of points that are not scored are not followed, so of a point that is scored again none is known.
+  [[nodiscard]] kernels::KnownPoint knownOf(std::uint32_t id, std::uint32_t block) {
+    if (scorer_.record(id).label == PointLabel::Unscored) {
+      known_.forgetCorridors(id, all_directions_);
+    }
+    return known_.of(id, block);
   }
   [[nodiscard]] kernels::StoredScore storedScore(std::uint32_t id) const {
     const PointRecord& record = scorer_.record(id);
@@ -298,7 +306,7 @@ class ExactOnHost final : public HostScheduler {
       if (changed) found.asks.push_back({id, kAskedByItself, true});
       return;
     }
-    const kernels::KnownPoint known = known_.of(id, candidate.block);
+    const kernels::KnownPoint known = knownOf(id, candidate.block);
     const kernels::PointDirections now = directionsOf(id);
     const kernels::PointNow point = {approach_, storedScore(id), now};
     const FlipsOfPoint flips = {candidate.lowest, known, candidate.masks, limit_};
@@ -354,7 +362,7 @@ class ExactOnHost final : public HostScheduler {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const std::uint32_t id = turn.ids[order[n]];
         const std::uint32_t block = points.blockOf(id);
-        const kernels::KnownPoint known = known_.of(id, block);
+        const kernels::KnownPoint known = knownOf(id, block);
         const KnownDirections::LowestLevels lowest = known_.lowestWithMore(block);
         const kernels::PointDirections now = directionsOf(id);
         const kernels::PointNow point = {approach_, storedScore(id), now};
@@ -367,6 +375,7 @@ class ExactOnHost final : public HostScheduler {
   }
 
   kernels::ApproachView approach_;
+  DirectionMask all_directions_;
   int limit_;  ///< [n_c]
   CorridorOffsets corridors_;
   KnownDirections known_;

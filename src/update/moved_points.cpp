@@ -13,6 +13,7 @@
 #include <iterator>
 #include <utility>
 
+#include "points/ids_in_box.h"
 #include "processor/prefetch.h"
 
 namespace accessvdb::internal {
@@ -98,7 +99,8 @@ void MovedPoints::groupByBlock() {
   for (std::uint32_t n = 0; n < keys_.size(); ++n) {
     by_block_[n] = static_cast<std::uint32_t>(keys_[n]);
     const auto block = static_cast<std::uint32_t>(keys_[n] >> 32);
-    if (touched_blocks_.empty() || touched_blocks_.back().block != block) touched_blocks_.push_back({block, n, n});
+    if (touched_blocks_.empty() || touched_blocks_.back().block != block)
+      touched_blocks_.push_back({block, n, n, 0, {}});
     touched_blocks_.back().end = n + 1;
   }
   places_.resize(2 * touched_.size());
@@ -112,6 +114,11 @@ void MovedPoints::listPlaces(TouchedBlock& touched_block) {
   Eigen::Vector3f* place = places_.data() + 2 * std::size_t{touched_block.begin};
   for (std::uint32_t n = touched_block.begin; n < touched_block.end; ++n) {
     const Touched& touched = touched_[by_block_[n]];
+    if (scorer_.choice().isMade()) {
+      const PointStore& points = scorer_.points();
+      const std::size_t bit = bitInParent(points.voxelOf(points.first_L(touched.id)));
+      touched_block.voxels[bit >> 6] |= std::uint64_t{1} << (bit & 63);
+    }
     const Eigen::Vector3f& now_L = scorer_.points().pca_L(touched.id);
     const bool is_new = std::isnan(touched.before_L.x());
     const bool mean_moved = is_new || touched.before_L != now_L;
@@ -122,12 +129,17 @@ void MovedPoints::listPlaces(TouchedBlock& touched_block) {
   touched_block.places = static_cast<std::uint32_t>(place - (places_.data() + 2 * std::size_t{touched_block.begin}));
 }
 
-/// Visits blocks whose boxes lie within reach_m of the leaf's box, for the means of the points in both.
+/// Between voxels of two points of which one may matter to the other. @param reach_m  of a neighbourhood
+float MovedPoints::reachVoxels(float reach_m) const {
+  const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
+  return std::max(reach_m / voxel_size_m * kReachSlack + 2 * kRoundingVoxels, competitors_voxels_);
+}
+
+/// Visits blocks whose boxes lie within reach of the leaf's box. @param reach_m  see reachVoxels()
 template <typename Visit>
 void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& visit) const {
   const SurfaceIndex& index = scorer_.points().index();
-  const float reach_voxels = reach_m / static_cast<float>(scorer_.params().tsdf.voxel_size_m) + 2 * kRoundingVoxels;
-  const auto rings = static_cast<std::int32_t>(reach_voxels / 8) + 1;
+  const auto rings = static_cast<std::int32_t>(reachVoxels(reach_m) / 8) + 1;
   index.forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
                      {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings},
                      [&](std::uint32_t b, const Index3& at) { visit(b, static_cast<float>(gapSquared(at, leaf))); });
@@ -137,7 +149,6 @@ void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& vi
 std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
   const auto& blocks = scorer_.points().index().blocks();
   reached_.grow(blocks.size());
-  const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
   float most_m = -1;
   for (std::size_t b = 0; b < block_reach_m_.size(); ++b) most_m = std::max(most_m, block_reach_m_[b]);
   tbb::enumerable_thread_specific<std::vector<std::uint32_t>> found;
@@ -146,7 +157,7 @@ std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       forEachNear(blocks[touched_blocks_[g].block].leaf, most_m, [&](std::uint32_t b, float squared_gap) {
         if (!anyIn(b)) return;
-        const float reach_voxels = block_reach_m_[b] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+        const float reach_voxels = reachVoxels(block_reach_m_[b]);
         if (squared_gap > reach_voxels * reach_voxels) return;
         std::atomic_ref<std::uint8_t> flag(reached_[b]);
         if (flag.load(std::memory_order_relaxed) != 0) return;
@@ -161,11 +172,43 @@ std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
   return reached;
 }
 
-void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::vector<std::uint32_t>& moved) const {
+/// Lists touched voxels near a leaf whose points may compete with its own.
+void MovedPoints::listTouchedLeaves(const Index3& leaf, std::vector<TouchedLeaf>& leaves) const {
+  leaves.clear();
+  const kernels::SurfaceChoice& choice = scorer_.choice();
+  if (!choice.isMade()) return;
+  const std::int32_t rings = (std::max(choice.windowVoxels(), choice.edge - 1) + 7) / 8;
+  scorer_.points().index().forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
+                                        {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings},
+                                        [&](std::uint32_t b, const Index3& at) {
+                                          if (touched_block_of_[b] == kNone) return;
+                                          leaves.push_back({at, &touched_blocks_[touched_block_of_[b]].voxels});
+                                        });
+}
+
+bool MovedPoints::competesWithAny(std::uint32_t id, const std::vector<TouchedLeaf>& leaves) const {
+  if (leaves.empty()) return false;
+  const Eigen::Vector3f& normal_L = scorer_.record(id).normal_L;
+  const int beside = kernels::besideSurfaceAxis(normal_L.data());
+  if (beside < 0 && normal_L.isZero()) return false;  // a point without a normal does not compete
+  const Index3 voxel = scorer_.points().voxelOf(scorer_.points().first_L(id));
+  const kernels::CompetingVoxels box(scorer_.choice(), voxel.data(),
+                                     beside >= 0 ? beside : kernels::mainAxis(normal_L.data()));
+  const Index3 low = {box.low[0], box.low[1], box.low[2]}, high = {box.high[0], box.high[1], box.high[2]};
+  return std::ranges::any_of(leaves, [&](const TouchedLeaf& touched) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (touched.leaf[axis] < low[axis] >> 3 || touched.leaf[axis] > high[axis] >> 3) return false;
+    }
+    return BoxInLeaf(touched.leaf, low, high).hasAnyOf(*touched.voxels);
+  });
+}
+
+void MovedPoints::findInBlock(std::uint32_t block, NearTouched& near, std::vector<std::uint32_t>& moved) const {
   const PointStore& points = scorer_.points();
   const PointBlock& own = points.index().blocks()[block];
-  const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
-  const float reach_voxels = block_reach_m_[block] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+  const float reach_voxels = reachVoxels(block_reach_m_[block]);
+  NearPositions& places = near.places;
+  listTouchedLeaves(own.leaf, near.leaves);
   constexpr std::size_t kAhead = 8;  // points are scattered in memory
   const auto prefetch = [&](std::size_t n) {
     if (n >= own.ids.size()) return;
@@ -182,7 +225,7 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
       places.add(place->x(), place->y(), place->z());
     }
   });
-  const TouchedBlock none = {block, 0, 0, 0};
+  const TouchedBlock none = {block, 0, 0, 0, {}};
   const TouchedBlock& touched_block =
       touched_block_of_[block] == kNone ? none : touched_blocks_[touched_block_of_[block]];
   const NearKernels& kernels = nearKernels();
@@ -197,8 +240,10 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
       return touched_[at_place].id < value;  // touched_ is sorted by id, and so is each touched_block
     });
     const bool is_touched = at != last && touched_[*at].id == id;
-    if (is_touched || kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_L(id).data(),
-                                         record.reach_m * record.reach_m * kReachSlack)) {
+    if (is_touched ||
+        kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_L(id).data(),
+                           record.reach_m * record.reach_m * kReachSlack) ||
+        competesWithAny(id, near.leaves)) {
       moved.push_back(id);
     }
   }
@@ -222,11 +267,11 @@ std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> othe
 
   constexpr std::size_t kPerTask = 32;
   std::vector<std::vector<std::uint32_t>> found((all.size() + kPerTask - 1) / kPerTask);
-  tbb::enumerable_thread_specific<NearPositions> places;
+  tbb::enumerable_thread_specific<NearTouched> near;
   tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t task) {
     for (std::size_t n = task * kPerTask; n < std::min(all.size(), (task + 1) * kPerTask); ++n) {
       const std::uint32_t b = all[n];
-      if (std::ranges::binary_search(reached, b)) findInBlock(b, places.local(), found[task]);
+      if (std::ranges::binary_search(reached, b)) findInBlock(b, near.local(), found[task]);
       waiting.appendOf(b, found[task]);
     }
   });

@@ -5,6 +5,8 @@
 ///
 /// A neighbourhood consists of the k nearest points, so a touched point matters to another one only if its old or its
 /// new mean is no farther away than the k-th neighbour was: a former neighbour was there, and a new one moves there.
+/// Where not every point is scored (hostdev/surface_choice.h), a touched point also matters to those that it competes
+/// with, whether its mean moved or not: its returns are counted.
 /// Exact except for the slack of a float32 comparison, which always errs on the safe side.
 #pragma once
 
@@ -19,7 +21,8 @@ namespace accessvdb::internal {
 
 class MovedPoints {
  public:
-  explicit MovedPoints(const PointScorer& scorer) : scorer_(scorer) {}
+  explicit MovedPoints(const PointScorer& scorer)
+      : scorer_(scorer), competitors_voxels_(static_cast<float>(competitorReach_voxels(scorer.choice()))) {}
 
   /// Notes the points that a scan touched. Ignored before the first refreshed(), when no neighbourhood is known yet.
   void note(const TouchedPoints& touched);
@@ -54,19 +57,34 @@ class MovedPoints {
   struct TouchedBlock {
     std::uint32_t block, begin, end;
     std::uint32_t places = 0;  ///< number of their entries in places_, which begin at 2 * begin
+    LeafBits voxels = {};      ///< theirs; only if not every point is scored
+  };
+  /// Touched voxels of a leaf.
+  struct TouchedLeaf {
+    Index3 leaf;
+    const LeafBits* voxels;
+  };
+  /// Scratch memory of a thread.
+  struct NearTouched {
+    NearPositions places;
+    std::vector<TouchedLeaf> leaves;
   };
 
   void joinTouched();
   void groupByBlock();
   void listPlaces(TouchedBlock& touched_block);
   [[nodiscard]] std::vector<std::uint32_t> reachedBlocks();
-  void findInBlock(std::uint32_t block, NearPositions& places, std::vector<std::uint32_t>& moved) const;
+  void findInBlock(std::uint32_t block, NearTouched& near, std::vector<std::uint32_t>& moved) const;
+  void listTouchedLeaves(const Index3& leaf, std::vector<TouchedLeaf>& leaves) const;
+  [[nodiscard]] bool competesWithAny(std::uint32_t id, const std::vector<TouchedLeaf>& leaves) const;
+  [[nodiscard]] float reachVoxels(float reach_m) const;
   template <typename Visit>
   void forEachNear(const Index3& leaf, float reach_m, const Visit& visit) const;
 
   const PointScorer& scorer_;
-  bool any_known_ = false;  ///< does any point have a neighbourhood?
-  std::size_t joined_ = 0;  ///< this many at the front of touched_ are sorted, each id once
+  float competitors_voxels_;  ///< competitorReach_voxels()
+  bool any_known_ = false;    ///< does any point have a neighbourhood?
+  std::size_t joined_ = 0;    ///< this many at the front of touched_ are sorted, each id once
   std::vector<Touched> touched_;
   std::vector<std::uint32_t> ids_;
   std::vector<std::uint64_t> keys_;      ///< block << 32 | index into touched_

@@ -87,8 +87,11 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
     Changed& changed = of_task[task];
     for (std::size_t n = task * kScoredPerTask; n < std::min(ids.size(), (task + 1) * kScoredPerTask); ++n) {
       PointRecord& record = records_[ids[n]];
-      if (!record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen) ||
-          found[n].wide_views_changed) {
+      // Normals of points that are not scored are all zero, and so is none at all: they differ in their signs.
+      const bool turned =
+          record.normal_L != found[n].normal_L ||
+          kernels::besideSurfaceAxis(record.normal_L.data()) != kernels::besideSurfaceAxis(found[n].normal_L.data());
+      if (!record.has_neighbourhood || turned || !(record.seen == found[n].seen) || found[n].wide_views_changed) {
         changed.ids.push_back(ids[n]);
         changed.before.push_back({{record.normal_L.x(), record.normal_L.y(), record.normal_L.z()}, record.seen});
       }

@@ -129,6 +129,7 @@ class PointScorer {
 
   [[nodiscard]] const PointRecord& record(std::uint32_t id) const { return records_[id]; }
   [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }
+  [[nodiscard]] const kernels::SurfaceChoice& choice() const { return search_.choice(); }
   /// Whether this many observations are enough for a point to be scored.
   [[nodiscard]] bool isConfident(std::uint16_t weight) const;
   [[nodiscard]] const PointsOnDevice& device() const { return device_; }

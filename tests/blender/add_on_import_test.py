@@ -145,7 +145,7 @@ class AddOnImport(unittest.TestCase):
             of_reason = stream.read().split("colourOf(PointReason reason)")[1]
         cases = dict(re.findall(r"case PointReason::(\w+):\s+return \{([\d, ]+)\}", of_reason))
         for number, name in enumerate(REASONS):
-            expected = [int(byte) for byte in cases.get(name.capitalize(), "150, 152, 156").split(",")]
+            expected = [int(byte) for byte in cases.get(name.title().replace("_", ""), "150, 152, 156").split(",")]
             linear = np.array(ramp.evaluate((number + 0.5) / len(REASONS))[:3])
             srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
             self.assertEqual(np.rint(255 * srgb).astype(int).tolist(), expected, name)

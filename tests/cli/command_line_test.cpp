@@ -109,6 +109,8 @@ TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
                            "--directions",
                            "--tau",
                            "--knn",
+                           "--points",
+                           "--point-spacing",
                            "--range-noise",
                            "--corridor",
                            "--allow-truncated",

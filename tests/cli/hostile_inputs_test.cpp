@@ -192,8 +192,9 @@ TEST_F(HostileInputs, WhereNoThreadCanBeStarted) {
 /// The library names its parameters, the program its flags.
 TEST_F(HostileInputs, MessagesNameFlags) {
   const std::vector<std::string> cases[] = {
-      {"--voxel", "20"}, {"--range-noise", "11"}, {"--tau", "1000v"}, {"--min-range", "-1"},  {"--directions", "1000"},
-      {"--rolls", "65"}, {"--corridor", "1000"},  {"--knn", "1000"},  {"--threads", "70000"}, {"--threads", "-1"}};
+      {"--voxel", "20"},        {"--range-noise", "11"}, {"--tau", "1000v"},     {"--min-range", "-1"},
+      {"--directions", "1000"}, {"--rolls", "65"},       {"--corridor", "1000"}, {"--knn", "1000"},
+      {"--threads", "70000"},   {"--threads", "-1"},     {"--points", "some"},   {"--point-spacing", "0.02"}};
   for (const auto& flags : cases) {
     SCOPED_TRACE(flags[0] + " " + flags[1]);
     const ProgramResult result = runProgram(arguments({flags[0] + "=" + flags[1]}));

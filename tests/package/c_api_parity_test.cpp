@@ -211,6 +211,7 @@ TEST(CApiParity, ScansGiveTheSamePoints) {
     EXPECT_EQ(counts.reasons[reason], reasons[reason]);
   }
   EXPECT_EQ(counts.changed, reasons[ACCESSVDB_REASON_CHANGED]);
+  EXPECT_EQ(counts.beside_surface, reasons[ACCESSVDB_REASON_BESIDE_SURFACE]);
 }
 
 TEST(CApiParity, UpdatesThatDoNotBlockGiveTheSamePoints) {
@@ -329,6 +330,7 @@ TEST(CApiParity, EveryParameterArrives) {
       SET(neighbourhood_weight, scoring.neighbourhood_weight, false),
       SET(confidence_half_weight, scoring.confidence_half_weight, 4),
       SET(confidence_min, scoring.confidence_min, 0.3),
+      SET(point_spacing_m, scoring.point_spacing_m, 0.2),
       SET(budget_points, update.budget_points, 1000),
       SET(changed_voxel_sample, update.changed_voxel_sample, 128),
       SET(changed_voxel_radius_voxels, update.changed_voxel_radius_voxels, 2),
@@ -390,6 +392,7 @@ TEST(CApiParity, FreeSpaceAges) {
     accessvdb_tool_free(tool);
   }
   EXPECT_STREQ(accessvdb_reason_name(ACCESSVDB_REASON_CHANGED), "changed");
+  EXPECT_STREQ(accessvdb_reason_name(ACCESSVDB_REASON_BESIDE_SURFACE), "beside_surface");
 }
 
 TEST(CApiParity, PaperParameters) {

@@ -52,6 +52,25 @@ TEST(Determinism, ThreadsAndOrderDoNotMatter) {
   }
 }
 
+/// The same where one point is scored where the surface is.
+TEST(Determinism, ThreadsAndOrderDoNotDecideWhichPointsAreScored) {
+  std::vector<Scan> scans = wallScans(3, 5, 700);
+  FieldParams params = paramsOf(0.05, 1, UpdatePolicy::Exact);
+  params.backend = BackendKind::Cpu;
+  params.scoring.point_spacing_m = 0.1;
+  const FieldSnapshot expected = run(scans, params).snapshot();
+  expectVaried(expected);
+  EXPECT_GT(expected.reasons()[static_cast<std::size_t>(PointReason::BesideSurface)], 100u);
+  std::mt19937_64 random(8);
+  for (const int threads : {1, 2, 4, 16}) {
+    for (Scan& scan : scans) std::shuffle(scan.points_S.begin(), scan.points_S.end(), random);
+    params.threads = threads;
+    SCOPED_TRACE(threads);
+    expectSame(run(scans, params).snapshot(), expected);
+    if (HasFatalFailure()) return;
+  }
+}
+
 /// Whole voxels, far away: half a million metres east, five and a half million north (as in UTM), 300 m up. With a
 /// voxel of 1/16 m every step is exact in double; with 0.05 m positions are off by 1e-9 m, which the rounding of local
 /// positions to 2^-20 m absorbs (unless one is within 1e-9 m of a rounding bound, and none of these is).

@@ -18,10 +18,11 @@ void expectEqualToScratch(const AccessibilityField& field, const std::string& wh
   const FieldSnapshot now = field.snapshot();
   const FieldSnapshot scratch = field.evaluateFromScratch();
   ASSERT_EQ(now.points.size(), scratch.points.size());
-  std::size_t label_differs = 0, best_differs = 0;
+  std::size_t label_differs = 0, best_differs = 0, unscored_differs = 0;
   for (std::size_t n = 0; n < now.points.size(); ++n) {
     const SurfacePoint &a = now.points[n], &b = scratch.points[n];
     label_differs += a.label != b.label ? 1 : 0;
+    if (a.label == PointLabel::Unscored && b.label == PointLabel::Unscored) unscored_differs += a.reason != b.reason;
     if (a.label == PointLabel::Accessible && b.label == PointLabel::Accessible) {
       best_differs += a.score != b.score || a.direction != b.direction ? 1 : 0;
     }
@@ -33,6 +34,7 @@ void expectEqualToScratch(const AccessibilityField& field, const std::string& wh
   }
   EXPECT_EQ(label_differs, 0u) << when;
   EXPECT_EQ(best_differs, 0u) << when;
+  EXPECT_EQ(unscored_differs, 0u) << when;
 }
 
 struct Case {
@@ -43,11 +45,13 @@ struct Case {
   int every;  ///< scans between updates
   ToolForm form = ToolForm::Voxels;
   double confidence_min = 0.2;
+  double point_spacing_m = 0;
 };
 
 void PrintTo(const Case& c, std::ostream* out) {
   *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.form == ToolForm::Voxels ? "voxels" : "samples")
        << ", limit " << c.max_collisions << ", " << c.every << " scans an update, confidence " << c.confidence_min;
+  if (c.point_spacing_m > 0) *out << ", points " << c.point_spacing_m << " m apart";
 }
 
 class ExactStream : public testing::TestWithParam<Case> {};
@@ -68,8 +72,11 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
   params.scoring.form = c.form;
   params.scoring.confidence_min = c.confidence_min;
   params.scoring.surface_samples = 60;  // for that form; few, for speed
+  params.scoring.point_spacing_m = c.point_spacing_m;
+  if (c.point_spacing_m > 0) params.backend = BackendKind::Cpu;
   AccessibilityField field(ToolGeometry::builtin(c.tool), params);
-  std::uint64_t tests = 0, labels_seen = 0;
+  std::uint64_t tests = 0, labels_seen = 0, chosen_again = 0;
+  std::vector<SurfacePoint> before;
   for (int frame = 0; frame < walk_options.frames; ++frame) {
     const auto scan = walk.frame(frame);
     field.integrateScan(scan.points_S, scan.T_W_S);
@@ -80,6 +87,14 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
     labels_seen += stats.label_changes;
     expectEqualToScratch(field, "frame " + std::to_string(frame));
     if (HasFailure()) return;
+    const std::vector<SurfacePoint> now = field.snapshot().points;
+    for (std::size_t n = 0; n < before.size(); ++n) {
+      chosen_again += before[n].reason == PointReason::BesideSurface && now[n].label != PointLabel::Unscored ? 1 : 0;
+    }
+    before = now;
+  }
+  if (c.point_spacing_m > 0) {
+    EXPECT_GT(chosen_again, 50u);
   }
   EXPECT_GT(tests, 0u);
   EXPECT_GT(field.snapshot().count(PointLabel::Accessible), 50u);  // otherwise the comparison would prove nothing
@@ -107,6 +122,24 @@ INSTANTIATE_TEST_SUITE_P(
                          .every = 2,
                          .confidence_min = 0.0},
                     // So many collisions that freed voxels are counted by twos (FreedWord).
+                    Case{.seed = 8,
+                         .tool = "builtin:pruner",
+                         .voxel_size_m = 0.05,
+                         .max_collisions = 12,
+                         .every = 1,
+                         .point_spacing_m = 0.05},
+                    Case{.seed = 9,
+                         .tool = "builtin:pencil",
+                         .voxel_size_m = 0.03,
+                         .max_collisions = 0,
+                         .every = 2,
+                         .point_spacing_m = 0.06},
+                    Case{.seed = 10,
+                         .tool = "builtin:pruner",
+                         .voxel_size_m = 0.02,
+                         .max_collisions = 400,
+                         .every = 1,
+                         .point_spacing_m = 0.04},
                     Case{
                         .seed = 7, .tool = "builtin:pruner", .voxel_size_m = 0.02, .max_collisions = 400, .every = 1}));
 

@@ -158,6 +158,20 @@ TEST(SavedState, OfAToolThatRollsGoesOnBitForBit) {
   }
 }
 
+/// Which points are scored follows from them, whether they were updated before the stop or not.
+TEST(SavedState, OfPointsOfTheSurfaceGoesOnBitForBit) {
+  const ScratchFolder folder;
+  for (const double spacing_m : {0.05, 0.1}) {
+    Stream stream = {cpuParams(), wallScans(9, 6, 1500), false, 3};
+    stream.params.tsdf.range_noise_m = 0.03;
+    stream.params.scoring.point_spacing_m = spacing_m;
+    const FieldSnapshot end = expectGoesOn(stream, folder);
+    expectVaried(end);
+    EXPECT_GT(end.reasons()[static_cast<std::size_t>(PointReason::BesideSurface)], 100u);
+    EXPECT_EQ(inspectState(folder / "a.avst").params.scoring.point_spacing_m, spacing_m);
+  }
+}
+
 TEST(SavedState, KeepsLabelsAfterUpdates) {
   const ScratchFolder folder;
   Stream stream = {cpuParams(), wallScans(3, 8, 1500), false, 5};

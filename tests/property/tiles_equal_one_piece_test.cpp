@@ -237,6 +237,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{.name = "lopsided_large_tiles", .seed = 4, .tile_voxels = 256, .tool = "lopsided"},
         Case{.name = "long_corridor", .seed = 5, .change = [](FieldParams& p) { p.approach.corridor_length_m = 1.5; }},
         Case{.name = "three_tools", .seed = 10, .tool = "three"},
+        Case{
+            .name = "points_of_surface", .seed = 13, .change = [](FieldParams& p) { p.scoring.point_spacing_m = 0.1; }},
         Case{.name = "sphere",
              .seed = 9,
              .change = [](FieldParams& p) { p.approach.orientations = OrientationSet::sphere(12.5); }},

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "accessvdb/export.h"
+#include "accessvdb/field_io.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb::io {
@@ -31,8 +32,11 @@ struct ACCESSVDB_API ExactArea {
 };
 
 /// Of the surface that a point stands for (docs/report.md, "Area"). @param origin_W  of the map
+/// @param cell_m  pointCell_m() of the map
 [[nodiscard]] ACCESSVDB_API ExactArea areaOf(const SurfacePoint& point, const Eigen::Vector3d& origin_W,
-                                             double voxel_size_m);
+                                             double voxel_size_m, double cell_m);
+/// Edge of the cells of which a map has one scored point each, by its metadata; 0 where every point is scored.
+[[nodiscard]] ACCESSVDB_API double pointCell_m(const FieldMetadata& metadata, double voxel_size_m);
 
 /// What one of several tools reaches.
 struct ReachedByTool {

@@ -20,6 +20,7 @@ std::vector<DirectionOutcome> tryEveryDirection(PointScorer& scorer, const Scori
   tables.rule.keep_best = false;
   const kernels::ApproachView approach = setup.hostApproach();
   const Eigen::Vector3f normal = scorer.record(id).normal_L;
+  const bool beside_surface = kernels::besideSurfaceAxis(normal.data()) >= 0;
   const ToolRolls& rolls = setup.tool().rolls;
   const std::vector<ToolHeading> headings = toolHeadings(scorer.params().approach, rolls);
   std::vector<DirectionOutcome> outcomes;
@@ -30,6 +31,7 @@ std::vector<DirectionOutcome> tryEveryDirection(PointScorer& scorer, const Scori
     outcome.orientation_WT = headings[first].orientation_WT;
     const bool in_cone =
         !normal.isZero() && kernels::cosToNormal(approach, d, normal.data()) >= approach.normal_cos_min;
+    if (beside_surface) outcome.reason = PointReason::BesideSurface;
     if (!in_cone) continue;  // the search would only say that others are
     kernels::ScoreItem item;
     item.id = id;

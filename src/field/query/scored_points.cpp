@@ -130,6 +130,7 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   }
   const std::uint32_t n = point.id - state_.first;
   point.normal_W = Eigen::Vector3f(state_.normal_L.data() + std::size_t{3} * n);
+  if (point.normal_W.isZero()) point.normal_W.setZero();  // its signs are ours (kernels::writeBesideSurface)
   point.score = state_.score[n];
   point.direction = state_.direction[n];
   point.stability = state_.stability[n];

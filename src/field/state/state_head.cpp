@@ -148,7 +148,8 @@ constexpr bool kSkipped =
     Row::template is<&FieldParams::backend> ||  // a state may go on elsewhere
     Row::template is<&FieldParams::threads> || Row::template is<&ApproachParams::orientations> ||  // see visitRest
     Row::template is<&FieldParams::carry> || Row::template is<&ApproachParams::rolls> ||
-    Row::template is<&ChangeParams::free_for_s>;  // see visitFullChange
+    Row::template is<&ChangeParams::free_for_s> ||  // see visitFullChange
+    Row::template is<&ScoringParams::point_spacing_m>;
 
 template <typename Code, typename Params>
 void visitParams(Code& code, Params& params) {
@@ -215,6 +216,7 @@ void visitRest(Code& code, Head& head) {
   if (isFullChangeSchema(head.schema)) visitFullChange(code, head);
   if (isCarryingSchema(head.schema)) visitCarried(code, head);
   if (isScoredSchema(head.schema)) code(head.scored_words);
+  if (isSpacedSchema(head.schema)) code(head.params.scoring.point_spacing_m);
 }
 
 bool isPlausible(const StateHead& head) {

@@ -25,10 +25,16 @@ inline constexpr std::uint32_t kFullChangeSchema = 10;
 inline constexpr std::uint32_t kScoredSchema = 20;
 /// Added to any of these for fields whose returns carry attributes, whose states hold these, too.
 inline constexpr std::uint32_t kCarryingSchema = 40;
+/// Added to any of these for fields that score one point of each cell, whose states hold its edge, too.
+inline constexpr std::uint32_t kSpacedSchema = 80;
 
-[[nodiscard]] constexpr bool isCarryingSchema(std::uint32_t schema) { return schema > kCarryingSchema; }
+[[nodiscard]] constexpr bool isSpacedSchema(std::uint32_t schema) { return schema > kSpacedSchema; }
+[[nodiscard]] constexpr std::uint32_t unspacedSchema(std::uint32_t schema) {
+  return isSpacedSchema(schema) ? schema - kSpacedSchema : schema;
+}
+[[nodiscard]] constexpr bool isCarryingSchema(std::uint32_t schema) { return unspacedSchema(schema) > kCarryingSchema; }
 [[nodiscard]] constexpr std::uint32_t uncarryingSchema(std::uint32_t schema) {
-  return isCarryingSchema(schema) ? schema - kCarryingSchema : schema;
+  return unspacedSchema(schema) - (isCarryingSchema(schema) ? kCarryingSchema : 0);
 }
 [[nodiscard]] constexpr bool isScoredSchema(std::uint32_t schema) { return uncarryingSchema(schema) > kScoredSchema; }
 [[nodiscard]] constexpr std::uint32_t unscoredSchema(std::uint32_t schema) {
@@ -47,7 +53,8 @@ inline constexpr std::uint32_t kCarryingSchema = 40;
 /// @param params  of a field, where the number of rolls is known  @param scored  StateHead::isScored()
 [[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params, bool scored) {
   const std::uint32_t more = (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) +
-                             (params.carry.empty() ? 0 : kCarryingSchema) + (scored ? kScoredSchema : 0);
+                             (params.carry.empty() ? 0 : kCarryingSchema) + (scored ? kScoredSchema : 0) +
+                             (params.scoring.point_spacing_m > 0 ? kSpacedSchema : 0);
   if (params.approach.rolls > 1) return kRolledStateSchema + more;
   return (params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema) + more;
 }

@@ -24,7 +24,7 @@ WindowMargins SharedTables::makeAll(const std::vector<ToolSpec>& tools, const Fi
   static_cast<void>(requireThreads(params.threads));
   const FieldParams resolved = resolvedFor(tools.front(), params);
   requireManyTools(tools, resolved);
-  return onBackend(resolved.backend, [&](const ChosenBackend& chosen) {
+  return onBackend(resolved, [&](const ChosenBackend& chosen) {
     WindowMargins margins;
     for (std::size_t n = 0; n < tools.size(); ++n) {
       const FieldParams of_tool = n == 0 ? resolved : resolvedFor(tools[n], resolved);

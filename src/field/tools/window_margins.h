@@ -19,11 +19,13 @@ struct ToolKernel;
 
 /// In voxels, along x and y unless it says otherwise.
 struct WindowMargins {
-  std::int32_t map = 0;         ///< from a point to the farthest voxel that its score or weight reads
-  std::int32_t returns = 0;     ///< from a return to the farthest voxel that it changes
-  std::int32_t neighbours = 0;  ///< from a point to the farthest neighbour of its normal and its joined views
-  std::int32_t height = 0;      ///< as map, along z
-  std::int32_t evidence = 0;    ///< from a cell of ChangeMode::Full to the farthest voxel that it is judged by
+  std::int32_t map = 0;      ///< from a point to the farthest voxel that its score or weight reads
+  std::int32_t returns = 0;  ///< from a return to the farthest voxel that it changes
+  /// From a point to the farthest neighbour of its normal and its joined views, and to the farthest with which it
+  /// competes for being scored.
+  std::int32_t neighbours = 0;
+  std::int32_t height = 0;    ///< as map, along z
+  std::int32_t evidence = 0;  ///< from a cell of ChangeMode::Full to the farthest voxel that it is judged by
 
   /// What has gone is judged by cells of 4 voxels and those beside them (change/gone_cells.h), and one that opens
   /// counts for those beside it.

@@ -26,7 +26,7 @@ constexpr Rgb colourOf(PointLabel label) {
 }
 
 /// The palette of Okabe and Ito (2008), "Color Universal Design", which colour-blind people can tell apart; grey where
-/// too little was seen.
+/// too little was seen, and a lighter one beside the surface.
 constexpr Rgb colourOf(PointReason reason) {
   switch (reason) {
     case PointReason::None:
@@ -45,6 +45,8 @@ constexpr Rgb colourOf(PointReason reason) {
       return {213, 94, 0};
     case PointReason::Changed:
       return {240, 228, 66};
+    case PointReason::BesideSurface:
+      return {205, 207, 211};
   }
   return {150, 152, 156};
 }

@@ -76,8 +76,8 @@ function fillChips(facts, toggled) {
   for (const reason of REASON_ORDER) {
     const of_reason = (each) => each.reason === reason;
     const points = sumOf(facts, "points", of_reason), words = REASON_WORDS[reason];
-    // Only maps that let things go have any; only one of several tools has others.
-    if ((reason === "changed" || reason === "other") && points === 0) continue;
+    // Only maps that let things go, or that judge fewer points, have any; only one of several tools has others.
+    if (["changed", "beside_surface", "other"].includes(reason) && points === 0) continue;
     const chip = element("button", "chip",
         element("span", "name", swatch(REASON_COLOURS[reason]), words.name),
         element("span", "count", `${grouped(points)} · ${percent(points, total)} · ${areaText(sumOf(facts, "area_m2", of_reason))}`),

@@ -16,7 +16,7 @@ uniform float disc_px_m, least_px, most_px;  // the disc's diameter in pixels at
 uniform int mode;            // of COLOUR_MODES
 uniform uint hidden;         // one bit per reason
 uniform bool only_marked;
-uniform vec3 reasons[9], labels[3], in_tool, background;
+uniform vec3 reasons[10], labels[3], in_tool, background;
 uniform vec2 heights;        // that the colours span
 uniform vec4 focus;          // a place and a radius: what is farther away fades; 0 = nothing fades
 uniform bool boxed;
@@ -50,7 +50,7 @@ void main() {
     return;
   }
   if (marked) colour = in_tool;
-  else if (mode == 0) colour = reasons[min(reason, 8u)];
+  else if (mode == 0) colour = reasons[min(reason, 9u)];
   else if (mode == 1) colour = labels[min(label, 2u)];
   else if (mode == 2) colour = ramp(float(look.y) / 255.0);
   else colour = ramp(clamp((position.z - heights.x) / max(heights.y - heights.x, 1e-6), 0.0, 1.0));

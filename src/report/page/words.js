@@ -5,7 +5,7 @@
 
 const LABELS = ["unscored", "accessible", "blocked"];
 // The last one is none of points.ply: with one of several tools chosen, what only others reach.
-const REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed", "other"];
+const REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed", "beside_surface", "other"];
 
 // The palette of Okabe and Ito (2008), "Color Universal Design", which colour-blind people can tell apart; grey where
 // too little was seen. The same as in preview.png with --colour reason.
@@ -18,6 +18,7 @@ const REASON_COLOURS = {
   arm: [230, 159, 0],
   tool: [213, 94, 0],
   changed: [240, 228, 66],
+  beside_surface: [205, 207, 211],
   other: [46, 48, 54],
 };
 const LABEL_COLOURS = {unscored: [150, 152, 156], accessible: [0, 158, 115], blocked: [213, 94, 0]};
@@ -26,7 +27,7 @@ const IN_TOOL_COLOUR = [250, 228, 40];
 const LABEL_WORDS = {unscored: "not judged", accessible: "reachable", blocked: "not reachable"};
 
 // Order of the list: good news first, then what can be changed most easily.
-const REASON_ORDER = ["none", "other", "tool", "arm", "unknown", "unseen", "normal", "confidence", "changed"];
+const REASON_ORDER = ["none", "other", "tool", "arm", "unknown", "unseen", "normal", "confidence", "changed", "beside_surface"];
 const REASON_WORDS = {
   none: {
     name: "Reachable",
@@ -75,6 +76,12 @@ const REASON_WORDS = {
     short: "gone",
     means: "What was measured here is no longer there: rays went through it.",
     todo: "Nothing: there is no surface here any more.",
+  },
+  beside_surface: {
+    name: "Beside the surface",
+    short: "beside",
+    means: "Noise put this point beside the surface. Another one, nearer to it, is judged in its place.",
+    todo: "Look at the judged point.",
   },
   other: {
     name: "By another tool only",

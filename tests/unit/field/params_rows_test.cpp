@@ -167,6 +167,7 @@ TEST(ParamRows, AreDescribed) {
   base.approach.rolls = 3;
   base.tsdf.region = UpdateRegion::Projective;
   base.carry = carryOf("class");
+  base.scoring.point_spacing_m = 0.03;
   const auto before = linesOf(base);
   forEachParam([&]<typename Row>(const Row& row, const auto& field) {
     FieldParams params = base;
@@ -234,20 +235,23 @@ TEST(ParamRows, KeepTheLayoutsOfEarlierStates) {
         Layout{16, 6, true, false, false}, Layout{18, 8, true, false, false}, Layout{26, 6, false, true, false},
         Layout{28, 8, false, true, false}, Layout{36, 6, true, true, false}, Layout{38, 8, true, true, false},
         Layout{46, 6, false, false, true}, Layout{58, 8, true, false, true}, Layout{66, 6, false, true, true},
-        Layout{78, 8, true, true, true}}) {
+        Layout{78, 8, true, true, true}, Layout{86, 6, false, false, false}, Layout{108, 8, false, true, false},
+        Layout{127, 7, false, false, true}, Layout{146, 6, false, true, true}}) {
     EXPECT_TRUE(internal::isStateSchema(layout.schema)) << layout.schema;
     EXPECT_EQ(internal::plainSchema(layout.schema), layout.plain) << layout.schema;
     EXPECT_EQ(internal::isFullChangeSchema(layout.schema), layout.full_change) << layout.schema;
     EXPECT_EQ(internal::isScoredSchema(layout.schema), layout.scored) << layout.schema;
     EXPECT_EQ(internal::isCarryingSchema(layout.schema), layout.carrying) << layout.schema;
   }
-  for (const std::uint32_t schema : {0u, 5u, 9u, 15u, 19u, 25u, 29u, 39u, 45u, 79u, 86u, 106u}) {
+  for (const std::uint32_t schema : {0u, 5u, 9u, 15u, 19u, 25u, 29u, 39u, 45u, 79u, 85u, 89u, 119u, 159u, 166u}) {
     EXPECT_FALSE(internal::isStateSchema(schema)) << schema;
   }
   FieldParams params = FieldParams{}.resolved();
   EXPECT_EQ(internal::stateSchemaOf(params, true), 26u);
   params.carry = carryOf("tree_id");
   EXPECT_EQ(internal::stateSchemaOf(params, false), 46u);
+  params.scoring.point_spacing_m = 0.02;
+  EXPECT_EQ(internal::stateSchemaOf(params, true), 146u);
 }
 
 TEST(ParamRows, GoToCAndBack) {

@@ -170,24 +170,30 @@ TEST(UpdatePointProduct, ConfirmationsWithoutEvidenceChangeNothing) {
   EXPECT_FLOAT_EQ(point.stability, 0.61453125f);
 }
 
+/// Nor of a point beside the surface, whose reason tells which it is.
 TEST(UpdatePoint, WithoutANormalNothingIsKept) {
   for (const bool keep_best : {false, true}) {
-    Point point(keep_best);
-    point.clear();
-    kernels::PointStateView view;
-    view.score = &point.score;
-    view.direction = &point.direction;
-    view.weight = &point.weight;
-    view.stability = &point.stability;
-    view.label = &point.label;
-    view.reason = &point.reason;
-    kernels::ScoreResult result;
-    kernels::updatePoint(view, kernels::ScoreItem{}, result, point.rule);
-    EXPECT_EQ(point.label, PointLabel::Unscored);
-    EXPECT_EQ(result.label, PointLabel::Unscored);
-    EXPECT_EQ(point.reason, PointReason::Normal);
-    EXPECT_EQ(point.score, kNoScore);
-    EXPECT_EQ(point.direction, kNoDirection);
+    for (const int beside : {-1, 0, 1, 2}) {
+      Point point(keep_best);
+      point.clear();
+      float normal[3] = {0, 0, 0};
+      if (beside >= 0) kernels::writeBesideSurface(beside, normal);
+      kernels::PointStateView view;
+      view.normal_L = normal;
+      view.score = &point.score;
+      view.direction = &point.direction;
+      view.weight = &point.weight;
+      view.stability = &point.stability;
+      view.label = &point.label;
+      view.reason = &point.reason;
+      kernels::ScoreResult result;
+      kernels::updatePoint(view, kernels::ScoreItem{}, result, point.rule);
+      EXPECT_EQ(point.label, PointLabel::Unscored);
+      EXPECT_EQ(result.label, PointLabel::Unscored);
+      EXPECT_EQ(point.reason, beside < 0 ? PointReason::Normal : PointReason::BesideSurface);
+      EXPECT_EQ(point.score, kNoScore);
+      EXPECT_EQ(point.direction, kNoDirection);
+    }
   }
 }
 

@@ -34,10 +34,12 @@ struct Stream {
   Eigen::Vector3f centre = {0, 0, 0};
   std::size_t returns = 0;  ///< per scan
   std::size_t scans_an_update = 1;
+  float step_m = 0;  ///< returns lie on a grid; 0: anywhere
 };
 
 struct Outcome {
   std::size_t changed = 0, moved = 0, all = 0;
+  std::size_t chosen = 0, beside = 0;  ///< points that became scored, or ceased to be
 };
 
 /// Scans of a rough sheet from changing places. After each update every neighbourhood is recomputed, and those that
@@ -57,6 +59,7 @@ Outcome run(const Stream& stream, std::uint64_t seed) {
       for (std::size_t n = 0; n < stream.returns; ++n) {
         Eigen::Vector3f x = patch + random.point(stream.patch_m);
         x.z() = 0.2f * std::sin(2 * x.x()) + 0.02f * x.z();
+        if (stream.step_m > 0) x = (x / stream.step_m).array().round().matrix() * stream.step_m;
         p.push_back(stream.centre + x);
       }
       const Eigen::Vector3f q = stream.centre + random.point(3);
@@ -80,9 +83,12 @@ Outcome run(const Stream& stream, std::uint64_t seed) {
     search.compute(ids, now);
     for (std::uint32_t id = 0; id < known; ++id) {
       const PointRecord& record = scorer.record(id);
-      const bool is_same =
-          record.normal_L == now[id].normal_L && record.seen == now[id].seen && record.reach_m == now[id].reach_m;
+      const auto beside = [](const Eigen::Vector3f& normal_L) { return kernels::besideSurfaceAxis(normal_L.data()); };
+      const bool is_same = record.normal_L == now[id].normal_L && beside(record.normal_L) == beside(now[id].normal_L) &&
+                           record.seen == now[id].seen && record.reach_m == now[id].reach_m;
       outcome.changed += is_same ? 0 : 1;
+      outcome.chosen += beside(record.normal_L) >= 0 && beside(now[id].normal_L) < 0 ? 1 : 0;
+      outcome.beside += beside(record.normal_L) < 0 && beside(now[id].normal_L) >= 0 ? 1 : 0;
       if (!is_same) {
         EXPECT_TRUE(std::binary_search(moved.begin(), moved.end(), id)) << "update " << update << " point " << id;
       }
@@ -148,6 +154,55 @@ TEST(MovedPoints, WithoutMeansOnlyNewPointsAndViewsMatter) {
   const Outcome outcome = run(stream, 6);
   EXPECT_GT(outcome.changed, 500u);
   EXPECT_LT(outcome.moved, outcome.all / 2);
+}
+
+/// Points that are not scored wait for those that they compete with, which may be farther away than any neighbour.
+TEST(MovedPoints, MissNoPointThatCompetes) {
+  struct Spacing {
+    double spacing_m, noise_m;
+    int neighbours;
+  };
+  // Of three neighbours the farthest is nearer than most that compete.
+  for (const Spacing& spacing : {Spacing{0.05, 0.1, 3}, Spacing{0.15, 0.02, 3}, Spacing{0.05, 0.05, 30}}) {
+    Stream stream;
+    stream.params = pointParams(0.05, 36, spacing.neighbours);
+    stream.params.tsdf.truncation_distance_m = 0.5;
+    stream.params.tsdf.range_noise_m = spacing.noise_m;
+    stream.params.scoring.point_spacing_m = spacing.spacing_m;
+    stream.half_m = 3;
+    stream.patch_m = 0.8;
+    stream.returns = 700;
+    Outcome all;
+    for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+      const Outcome outcome = run(stream, seed);
+      EXPECT_LT(outcome.moved, outcome.all / 2);
+      all.chosen += outcome.chosen;
+      all.beside += outcome.beside;
+    }
+    EXPECT_GT(all.chosen, 50u) << spacing.spacing_m;
+    EXPECT_GT(all.beside, 50u) << spacing.spacing_m;
+  }
+}
+
+/// Returns that are where earlier ones were move no mean, but are counted.
+TEST(MovedPoints, ReturnsThatMoveNoMeanAreCounted) {
+  Stream stream;
+  stream.params = pointParams(0.05, 36, 3);
+  stream.params.tsdf.truncation_distance_m = 0.5;
+  stream.params.tsdf.range_noise_m = 0.1;
+  stream.params.scoring.point_spacing_m = 0.05;
+  stream.half_m = 0.2;
+  stream.patch_m = 0.4;
+  stream.returns = 300;
+  stream.step_m = 0.0625f;  // a power of two, larger than a voxel: at most one place in each
+  Outcome all;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    const Outcome outcome = run(stream, seed);
+    all.chosen += outcome.chosen;
+    all.beside += outcome.beside;
+  }
+  EXPECT_GT(all.chosen, 20u);
+  EXPECT_GT(all.beside, 20u);
 }
 
 }  // namespace

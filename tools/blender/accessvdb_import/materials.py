@@ -12,6 +12,7 @@ _SRGB = {"unscored": (150, 152, 156), "accessible": (46, 160, 67), "blocked": (2
 _SRGB_OF_REASON = {
     "none": (0, 158, 115), "confidence": (150, 152, 156), "normal": (204, 121, 167), "unseen": (86, 180, 233),
     "unknown": (0, 114, 178), "arm": (230, 159, 0), "tool": (213, 94, 0), "changed": (240, 228, 66),
+    "beside_surface": (205, 207, 211),
 }
 # A voxel lets through exp(-3) = 5 % of the light, whatever its size.
 _OPTICAL_DEPTH_OF_VOXEL = 3.0

@@ -21,7 +21,8 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 #: Columns of several tools: the one that stands for the point, and a bit for each that reaches it.
 TOOLS = ("tool", "tools")
 LABELS = ("unscored", "accessible", "blocked")
-REASONS = ("none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed")
+REASONS = ("none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed",
+           "beside_surface")
 #: Score of a point of which no direction reached the tool stage.
 NO_SCORE = 65535
 

@@ -34,7 +34,8 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
      " --out --no-clobber --half --compression --up-axis --surface --points-format --sequence --view --colour --width "
      "--height --html --json --scan-log --points-every --status-every --per-frame "},
     {"Expert",
-     " --tau --profile --policy --directions --knn --update-every --budget-ms --budget-points --bin-memory --keep-rays "
+     " --tau --profile --policy --directions --knn --points --point-spacing --update-every --budget-ms --budget-points "
+     "--bin-memory --keep-rays "
      "--mirror-distance "},
 }};
 

@@ -68,6 +68,7 @@ void addFieldOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--profile", &options.profile, "product or paper");
   addOrientationOptions(flags, options);
   flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
+  addPointsOptions(flags, options);
   addChangeOptions(flags, options);
 }
 
@@ -103,6 +104,39 @@ void sayOrientationNotes(const MapOptions& options, Messages& messages) {
   if (twins == 0) return;
   messages.notice("orientations: " + std::to_string(twins) + (twins == 1 ? " is" : " are") +
                   " in the list already and left out");
+}
+
+void addPointsOptions(FlagParser& flags, MapOptions& options) {
+  flags.option(
+      "--points", &options.points,
+      "which surface points are scored: all, or surface: one where the surface is, not those that noise has put "
+      "beside it (reason beside_surface); on the CPU");
+  flags.option(
+      "--point-spacing", &options.point_spacing,
+      "with --points surface, edge of the cells of which one point each is scored, metres; auto = the voxel or "
+      "--range-noise, whichever is larger");
+}
+
+double pointSpacing_m(const std::string& points, const std::string& spacing, const TsdfParams& tsdf) {
+  if (points != "all" && points != "surface") {
+    throw InvalidArgument("usage.word", "--points", "\"" + printable(points) + "\" is not known", "Use all or surface");
+  }
+  const bool is_auto = spacing == "auto";
+  double spacing_m = std::max(tsdf.voxel_size_m, tsdf.range_noise_m);
+  const char* end = spacing.data() + spacing.size();
+  const auto [rest, error] =
+      is_auto ? std::from_chars_result{end, std::errc()} : std::from_chars(spacing.data(), end, spacing_m);
+  if (error != std::errc() || rest != end || !(spacing_m > 0) || !std::isfinite(spacing_m)) {
+    throw InvalidArgument("usage.point_spacing", "--point-spacing",
+                          "\"" + printable(spacing) + "\" is not a positive length in metres",
+                          "Use for example 0.02, or auto");
+  }
+  if (points == "surface") return spacing_m;
+  if (!is_auto) {
+    throw InvalidArgument("usage.point_spacing", "--point-spacing", "is only for --points surface",
+                          "Add --points surface, or omit it");
+  }
+  return 0;
 }
 
 void addMirrorOption(FlagParser& flags, MapOptions& options) {
@@ -324,6 +358,7 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   params.scoring.max_collisions = parseMaxCollisions(own.max_collisions, options.voxel_m);
   if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
   if (options.knn) params.scoring.neighbours = *options.knn;
+  params.scoring.point_spacing_m = pointSpacing_m(options.points, options.point_spacing, params.tsdf);
   auto change = givenChange(options);
   const bool can_forget = params.tsdf.region == UpdateRegion::DoubleCone && options.policy != "paper";
   if (!change && options.forgetful && can_forget) change = ChangeMode::Full;

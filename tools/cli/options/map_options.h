@@ -30,6 +30,7 @@ struct MapOptions {
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
   std::string pose_format = "auto", profile = "product", policy, orientations, change, free_for;
+  std::string points = "all", point_spacing = "auto";
   std::string tool_name, rolls, max_collisions;  ///< of several tools of each, see tools_given.h
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
@@ -67,6 +68,11 @@ void sayChangeNotes(const FieldParams& params, Messages& messages);
 void addOrientationOptions(FlagParser& flags, MapOptions& options);
 /// How many orientations of a list were given twice, as a notice.
 void sayOrientationNotes(const MapOptions& options, Messages& messages);
+
+/// Adds the flags for which points are scored, for every verb that keeps a field.
+void addPointsOptions(FlagParser& flags, MapOptions& options);
+/// What they say: FieldParams::scoring.point_spacing_m. @throws InvalidArgument
+[[nodiscard]] double pointSpacing_m(const std::string& points, const std::string& spacing, const TsdfParams& tsdf);
 
 /// Adds the flag for the mirror of distances, for every verb that keeps a field.
 void addMirrorOption(FlagParser& flags, MapOptions& options);

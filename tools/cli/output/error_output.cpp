@@ -40,6 +40,8 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"corridor_length_m", "--corridor"},
     {"max_collisions", "--max-collisions"},
     {"neighbours", "--knn"},
+    {"point_spacing_m", "--point-spacing"},
+    {"score all points", "--points all"},
     {"threads", "--threads"},
     {"origin_W", "--origin"},
     {"origins_W", "--sensor-at"},

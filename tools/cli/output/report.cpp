@@ -198,7 +198,9 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   Json reasons = Json::object();
   for (int i = 1; i < kNumPointReasons; ++i) {
     const auto reason = static_cast<PointReason>(i);
-    if (reason == PointReason::Changed && report.reasons[i] == 0) continue;  // only --change full has any
+    // Only --change full and --points surface have any.
+    const bool rare = reason == PointReason::Changed || reason == PointReason::BesideSurface;
+    if (rare && report.reasons[i] == 0) continue;
     reasons[name(reason)] = report.reasons[i];
   }
   const auto count = [&](PointLabel label) { return report.labels[static_cast<int>(label)]; };

@@ -39,13 +39,14 @@ PreparedFile shareRaster(const std::filesystem::path& file, const std::vector<st
   };
   Eigen::AlignedBox2d cells;
   Eigen::Vector3d origin_W = Eigen::Vector3d::Zero();
-  double voxel_size_m = 0;
+  double voxel_size_m = 0, point_cell_m = 0;
   for (const std::filesystem::path& ply : points) {
     const auto header = io::visitPoints(ply, [&](const SurfacePoint& point) {
       cells.extend(Eigen::Vector2d(cellOf(point.position_W, 0), cellOf(point.position_W, 1)));
     });
     origin_W = header.origin_W;
     voxel_size_m = header.voxel_size_m;
+    point_cell_m = io::pointCell_m(header.metadata, voxel_size_m);
   }
   if (cells.isEmpty()) {
     throw UnusableInput("field.empty", file.string(), "would have no cells: the map holds no points",
@@ -62,7 +63,7 @@ PreparedFile shareRaster(const std::filesystem::path& file, const std::vector<st
     io::visitPoints(ply, [&](const SurfacePoint& point) {
       const auto x = static_cast<std::size_t>(cellOf(point.position_W, 0) - cells.min().x());
       const auto y = static_cast<std::size_t>(cells.max().y() - cellOf(point.position_W, 1));
-      const std::uint64_t steps = io::areaOf(point, origin_W, voxel_size_m).steps;
+      const std::uint64_t steps = io::areaOf(point, origin_W, voxel_size_m, point_cell_m).steps;
       all[y * columns + x] += steps;
       if (point.label == PointLabel::Accessible) accessible[y * columns + x] += steps;
     });

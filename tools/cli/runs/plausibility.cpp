@@ -167,7 +167,9 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
          "no surface point was observed often enough to be scored. Use more scans, a larger "
          "--voxel, or check that scans and poses belong together");
   } else if (accessible == 0) {
-    const auto worst = std::max_element(report.reasons.begin() + 1, report.reasons.end()) - report.reasons.begin();
+    // Points beside the surface are left to others, whatever stops those.
+    const auto end = report.reasons.begin() + static_cast<std::ptrdiff_t>(PointReason::BesideSurface);
+    const auto worst = std::max_element(report.reasons.begin() + 1, end) - report.reasons.begin();
     warn("result.all_blocked", std::string("no point is accessible; the most frequent reason is \"") +
                                    name(static_cast<PointReason>(worst)) + "\". " +
                                    adviceFor(static_cast<PointReason>(worst), facts.level_approaches));

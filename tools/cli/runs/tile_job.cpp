@@ -209,6 +209,7 @@ PlanSettings planSettings(const FlagParser& flags) {
     std::string text = on != nullptr ? (*on ? "true" : "false") : std::get<std::string>(value);
     if (text.empty() || text == "false") continue;
     // Later than the first plans, which do not have them.
+    if ((key == "points" && text == "all") || (key == "point-spacing" && text == "auto")) continue;
     if ((key == "match" && text == "auto") || (key == "max-gap" && text == numberText(SurveyOptions().max_gap_s)))
       continue;
     std::string absolute;

@@ -61,8 +61,10 @@ Json jsonOf(const ConsistencyPart& part) {
   Json labels = Json::object(), reasons = Json::object();
   for (int i = 0; i < kNumPointLabels; ++i)
     labels[name(static_cast<PointLabel>(i))] = part.labels[static_cast<std::size_t>(i)];
-  for (int i = 1; i < static_cast<int>(PointReason::Changed); ++i)
-    reasons[name(static_cast<PointReason>(i))] = part.reasons[static_cast<std::size_t>(i)];
+  for (int i = 1; i < kNumPointReasons; ++i) {
+    const std::uint64_t count = part.reasons[static_cast<std::size_t>(i)];
+    if (i < static_cast<int>(PointReason::Changed) || count > 0) reasons[name(static_cast<PointReason>(i))] = count;
+  }
   return {{"scans", part.scans},
           {"points_in", part.points_in},
           {"points_used", part.points_used},

@@ -89,6 +89,7 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.option("--budget-points", &options.budget_points, "most points scored per update; 0 = no limit");
   addOrientationOptions(flags, options.map);
   flags.option("--knn", &options.map.knn, "neighbours of a normal; default by rule");
+  addPointsOptions(flags, options.map);
   flags.option("--corridor", &options.map.corridor_m, "length of the straight corridor that must be free, metres");
   addMirrorOption(flags, options.map);
   addChangeOptions(flags, options.map);

@@ -59,7 +59,7 @@ void say(const eval::TableResults& results, const fs::path& out, Messages& messa
 int runEvaluate(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   std::vector<std::string> tables;
-  std::string out, cache, change = "block";
+  std::string out, cache, change = "block", points = "all";
   bool no_pictures = false;
   FlagParser flags(kLab);
   flags.describe("evaluate",
@@ -77,6 +77,9 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
                "folder that keeps simulated scans between runs; they are made again when they no "
                "longer match");
   flags.option("--change", &change, "how the product's profile follows a world that changes: block, off or full");
+  flags.option(
+      "--points", &points,
+      "which points the product's profile scores, and the tables count: all, or surface (map --points surface)");
   flags.flag("--no-pictures", no_pictures, "leave out the pictures of the scenes");
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
@@ -89,7 +92,11 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   if (change != "block" && change != "off" && change != "full") {
     throw InvalidArgument("usage.word", "--change", "\"" + change + "\" is not known", "Use block, off or full");
   }
+  if (points != "all" && points != "surface") {
+    throw InvalidArgument("usage.word", "--points", "\"" + printable(points) + "\" is not known", "Use all or surface");
+  }
   eval::TableOptions options;
+  options.points_of_surface = points == "surface";
   options.change = change == "off" ? ChangeMode::Off : change == "full" ? ChangeMode::Full : ChangeMode::Block;
   options.tables = tables;
   eval::checkTableNames(tables);  // before any folder is created

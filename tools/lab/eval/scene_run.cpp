@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "eval/scene_run.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <sstream>
@@ -59,6 +60,7 @@ void judge(const StoredScans& scans, const RunRequest& request, const Accessibil
   const auto& distance = scans.benchmark.scene.distance;
   for (const SurfacePoint& point : snapshot.points) {
     if (point.confidence < static_cast<float>(params.scoring.confidence_min)) continue;
+    if (point.reason == PointReason::BesideSurface) continue;
     result.positions_W.push_back(point.position_W);
     result.found.push_back(point.label == PointLabel::Accessible ? 1 : 0);
     result.normals_W.push_back(point.normal_W);
@@ -98,11 +100,24 @@ RunRequest productRun(const std::string& scene, double voxel_size_m, double rang
   return request;
 }
 
-SceneRunner::SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer, ChangeMode change)
-    : scans_(scans), backend_(backend), threads_(threads), observer_(std::move(observer)), change_(change) {}
+double surfaceSpacing_m(const FieldParams& params) {
+  return std::max(params.tsdf.voxel_size_m, params.tsdf.range_noise_m);
+}
+
+SceneRunner::SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer, ChangeMode change,
+                         bool points_of_surface)
+    : scans_(scans),
+      backend_(backend),
+      threads_(threads),
+      observer_(std::move(observer)),
+      change_(change),
+      points_of_surface_(points_of_surface) {}
 
 std::shared_ptr<const EvaluatedRun> SceneRunner::run(RunRequest request) {
   if (request.params.change.mode != ChangeMode::Off) request.params.change.mode = change_;
+  const bool exact =
+      request.params.update.policy == UpdatePolicy::Exact && request.params.tsdf.region == UpdateRegion::DoubleCone;
+  if (points_of_surface_ && exact) request.params.scoring.point_spacing_m = surfaceSpacing_m(request.params);
   const std::string key = describe(request);
   if (const auto found = runs_.find(key); found != runs_.end()) {
     if (!request.true_normals || !found->second->truth_exact.empty() || found->second->found.empty()) {

@@ -31,7 +31,10 @@ struct RunRequest {
 [[nodiscard]] RunRequest paperRun(const std::string& scene, double voxel_size_m);
 [[nodiscard]] RunRequest productRun(const std::string& scene, double voxel_size_m, double range_noise_m = 0);
 
-/// Points that count (c not below the bound), with labels and truth; vectors of equal length.
+/// FieldParams::scoring.point_spacing_m as `map --points surface` sets it.
+[[nodiscard]] double surfaceSpacing_m(const FieldParams& params);
+
+/// Points that count (c not below the bound, not beside the surface), with labels and truth; vectors of equal length.
 struct EvaluatedRun {
   std::vector<Eigen::Vector3d> positions_W;
   std::vector<Eigen::Vector3f> normals_W;     ///< the method's own
@@ -55,8 +58,9 @@ struct EvaluatedRun {
 class SceneRunner {
  public:
   /// @param backend, threads  as in FieldParams  @param change  of runs whose parameters allow it
+  /// @param points_of_surface  TableOptions::points_of_surface, likewise
   SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer,
-              ChangeMode change = ChangeMode::Block);
+              ChangeMode change = ChangeMode::Block, bool points_of_surface = false);
 
   /// @throws StopRequested, InvalidArgument (scene), what the library throws
   std::shared_ptr<const EvaluatedRun> run(RunRequest request);
@@ -69,6 +73,7 @@ class SceneRunner {
   int threads_;
   Observer observer_;
   ChangeMode change_;
+  bool points_of_surface_;
   std::string device_;
   std::map<std::string, std::shared_ptr<const EvaluatedRun>> runs_;
 };

@@ -96,6 +96,7 @@ ScannedPine scan(TableContext& context, const PineCase& which, const ScoringPara
   request.params.backend = context.options.backend;
   request.params.threads = context.options.threads;
   request.params.scoring = scoring;
+  if (context.options.points_of_surface) request.params.scoring.point_spacing_m = surfaceSpacing_m(request.params);
   request.params.change.mode = context.options.change;
   result.field = std::make_unique<AccessibilityField>(ToolGeometry::builtin("builtin:pruner"), request.params);
   context.device = result.field->deviceName();

@@ -18,8 +18,11 @@ struct TableOptions {
   BackendKind backend = BackendKind::Auto;
   int threads = 0;                        ///< 0 = all
   ChangeMode change = ChangeMode::Block;  ///< of the product's profile
-  std::filesystem::path scan_folder;      ///< where simulated scans are kept between runs; empty = nowhere
-  std::filesystem::path picture_folder;   ///< where pictures of the scenes go; empty = none are made
+  /// The product's profile scores one point where the surface is (ScoringParams::point_spacing_m), spaced by the voxel
+  /// or the range noise; other points do not count. In the tables of SceneRunner and of the pine.
+  bool points_of_surface = false;
+  std::filesystem::path scan_folder;     ///< where simulated scans are kept between runs; empty = nowhere
+  std::filesystem::path picture_folder;  ///< where pictures of the scenes go; empty = none are made
   Observer observer;
 };
 

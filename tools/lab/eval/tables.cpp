@@ -82,7 +82,8 @@ TableResults makeTables(const TableOptions& options) {
                                   : tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
   ScanStore scans(options.scan_folder, options.observer);
-  SceneRunner runner(scans, options.backend, options.threads, options.observer, options.change);
+  SceneRunner runner(scans, options.backend, options.threads, options.observer, options.change,
+                     options.points_of_surface);
   TableResults results;
   TableContext context{options, scans, runner, results.rows, results.device};
   try {
