@@ -150,6 +150,15 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     return stats;
   }
   UpdateStats update() { return update(clocked ? &clocked->of_scans : nullptr); }
+  /// However long it takes.
+  void updateAll() {
+    if (clocked) clocked->arrived = Clock::now();
+    if (clocked) map.setBudgetPoints(0);
+    const UpdateStats stats = map.update();
+    if (!clocked) return;
+    clocked->times.note(clocked->arrived, stats.backlog_updates);
+    clocked->backlog = stats.backlog;
+  }
 
   /// Between two scans, or at the end of them.
   LiveStep workOffBacklog() {
@@ -171,7 +180,8 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 
   /// Whether a step without a scan scores points. Between the updates of update_every none does.
   [[nodiscard]] bool backlogIsDue(bool at_end) const {
-    return clocked && ((clocked->backlog > 0 && unscored == 0) || (at_end && unscored + clocked->backlog > 0));
+    const bool between = unscored > 0 && options.update_every > 1;
+    return clocked && unscored + clocked->backlog > 0 && (at_end || !between);
   }
   /// With the lock.
   void tellBacklog() {
@@ -349,7 +359,7 @@ void LiveSession::reset() {
 LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
   LiveRemoval removal;
   removal.removal = impl_->map.field().removeRegion(region, as);
-  static_cast<void>(impl_->update());
+  impl_->updateAll();  // everything is asked again: else most of the map would wait, unscored
   impl_->unscored = 0;
   removal.changed = impl_->map.takeChanged();
   const std::scoped_lock locked(impl_->lock);
@@ -387,6 +397,8 @@ std::optional<LiveStep> LiveSession::step() {
         static_cast<void>(impl_->map.update());
         impl_->unscored = 0;
       }
+      const std::scoped_lock locked(impl_->lock);
+      impl_->tellBacklog();
       return std::nullopt;
     }
     LiveStep step;
@@ -403,6 +415,7 @@ std::optional<LiveStep> LiveSession::step() {
       if (!std::exchange(impl_->closed, false)) impl_->leaveOutAround(ready->motion);
       const std::scoped_lock locked(impl_->lock);
       impl_->busy = false;
+      impl_->tellBacklog();
       impl_->waiting.drop(step.number, step.stamp_ns, ScanDrop::Failed);
       throw;
     }

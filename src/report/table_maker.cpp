@@ -112,11 +112,13 @@ ExactArea areaOf(const SurfacePoint& point, const Eigen::Vector3d& origin_W, dou
 }
 
 double pointCell_m(const FieldMetadata& metadata, double voxel_size_m) {
+  constexpr double kMostVoxels = 100;  // as of the truncation distance, which bounds it
   for (const auto& [name, text] : metadata) {
     double spacing_m = 0;
     const char* const end = text.data() + text.size();
     if (name != "point_spacing_m" || std::from_chars(text.data(), end, spacing_m).ptr != end) continue;
-    return spacing_m > 0 ? std::max(1.0, std::round(spacing_m / voxel_size_m)) * voxel_size_m : 0;
+    if (!(spacing_m > 0 && spacing_m <= kMostVoxels * voxel_size_m)) return 0;
+    return std::max(1.0, std::round(spacing_m / voxel_size_m)) * voxel_size_m;
   }
   return 0;
 }

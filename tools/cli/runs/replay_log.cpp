@@ -18,7 +18,8 @@
 namespace accessvdb::tools {
 namespace {
 
-constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 32;
+constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 28;
+constexpr std::size_t kMostOfLine = 256;
 constexpr std::size_t kMostShown = 60;
 /// Stamps that were read as decimal seconds differ from those in nanoseconds by rounding.
 constexpr double kSameStamp_s = 1e-6;
@@ -125,6 +126,7 @@ ReplayLog::ReplayLog(const std::string& path) : path_(path) {
     if (end == std::string::npos) reader.refuse(line.number, "is cut off");
     at = end + 1;
     if (ended) reader.refuse(line.number, "comes after the end");
+    if (words.size() > kMostOfLine) reader.refuse(line.number, "is too long");
     if (line.number == 1) {
       if (words != scan_log::kHeader) reader.refuse(1, "is not that of a scan log with budgets");
       continue;
@@ -161,16 +163,22 @@ void ReplayLog::match(const io::ScanSequence& scans) {
     if (stamp_s && std::isfinite(*stamp_s)) steps.emplace_back(*stamp_s, step);
   }
   std::ranges::stable_sort(steps, {}, &std::pair<double, std::size_t>::first);
+  double taken_to = -INFINITY;  // each scan is fused once
   for (Row& row : rows_) {
     if (row.what != Row::What::Scan) continue;
-    const auto found =
-        std::ranges::lower_bound(steps, row.stamp_s() - kSameStamp_s, {}, &std::pair<double, std::size_t>::first);
+    auto found = std::ranges::lower_bound(steps, std::max(row.stamp_s() - kSameStamp_s, taken_to), {},
+                                          &std::pair<double, std::size_t>::first);
+    // The nearest: scans of two sensors may be less than that apart.
+    while (found != steps.end() && std::next(found) != steps.end() &&
+           std::abs(std::next(found)->first - row.stamp_s()) < std::abs(found->first - row.stamp_s()))
+      ++found;
     if (found == steps.end() || found->first > row.stamp_s() + kSameStamp_s)
       throw UnusableInput("replay.scans", path_,
                           "line " + std::to_string(row.line) + ": no scan is of the time " +
                               std::to_string(row.stamp_ns) + " ns, so it is the log of other scans",
                           "Give the recording that live was fed from, and all of it");
     row.step = found->second;
+    taken_to = std::nextafter(found->first, INFINITY);
   }
 }
 

@@ -152,7 +152,10 @@ void LiveRun::setParameters(const FieldParams& params, const std::vector<ToolSpe
 }
 
 void LiveRun::note(const LiveStep& step) {
-  if (step.only_backlog) return;
+  if (step.only_backlog) {
+    sent_to_ = 0;  // all points are sent again
+    return;
+  }
   report_.add(step.fused);
   report_.integrate.add(step.fused.integrate_ms);
   report_.mirror.add(step.fused.mirror_ms);
@@ -288,6 +291,12 @@ void LiveRun::obey(LiveSession& session, dds::Participant& participant, ScanLog&
   if (commands_.hasNews()) publishStatus(session, participant);
 }
 
+/// Of points that are written with the labels that they had.
+std::string waitingInWords(const LiveStatus& status) {
+  if (status.backlog == 0) return "";
+  return "; " + std::to_string(status.backlog) + " wait, with the labels of before";
+}
+
 /// @return what was done, in words  @throws Refused, Error for what could not be done; nothing has changed then
 std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant,
                               ScanLog& log) {
@@ -302,8 +311,10 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       if (session.rolling() != nullptr) refuse("cannot be done: --rolling writes the files when the run ends");
       if (session.field().points()->size() == 0) refuse("cannot be done: there is nothing to save");
       writeFiles(session);
+      if (report_.live) report_.live->status = session.status();
       writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
-      return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out;
+      return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out +
+             waitingInWords(session.status());
     case LiveCommandKind::Checkpoint: {
       if (RollingField* const tiles = session.rolling()) {
         if (report_.scans == 0) refuse("cannot be done: there is no scan in the map");
