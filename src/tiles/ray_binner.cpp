@@ -145,7 +145,7 @@ Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Wat
   }
   const fs::path folder = raysFolder(job.out);
   refuseForeign(ownRays(job.out));
-  if (goesSideBySide(job.params)) return binSideBySide(job, flights, watch, limits);
+  if (goesSideBySide(job.params)) return passSideBySide(job, flights, watch, limits);
   io::prepareOutputFolder(folder);
   Binner binner(job, flights, watch);
   std::vector<io::InputFile> before;

@@ -770,10 +770,25 @@ const FieldParams& RollingField::params() const { return impl_->params; }
 const std::vector<ToolSpec>& RollingField::tools() const { return impl_->tools; }
 Eigen::Vector3d RollingField::origin_W() const { return impl_->gate.origin_W(); }
 
+namespace {
+
+/// Of the field's own folder: write() deletes what an earlier call has left in these two.
+void requireApart(const fs::path& folder, const fs::path& out) {
+  for (const char* const name : {"rays", "tiles"}) {
+    std::error_code error;
+    const fs::path within = fs::weakly_canonical(folder, error).lexically_relative(fs::weakly_canonical(out / name));
+    if (within.empty() || *within.begin() == "..") continue;
+    throw OutputError("output.foreign", out.string(), "holds the folder of this very field", "Choose another folder");
+  }
+}
+
+}  // namespace
+
 std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::WriteOptions& files,
                                              const RollingSource& source) {
   io::checkWriteOptions(files);
   tiles::requireOwnFolders(out);
+  requireApart(impl_->options.folder, out);
   const tiles::Plan plan = impl_->plan(source);
   // One that was killed just before its end may be repeated.
   if (tiles::hasPlan(out) && !Impl::isOf(plan, out)) {

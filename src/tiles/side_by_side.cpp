@@ -250,8 +250,8 @@ class SideBySide {
 
 bool goesSideBySide(const FieldParams& params) { return params.change.mode == ChangeMode::Full; }
 
-Binned binSideBySide(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch,
-                     const BinLimits& limits) {
+Binned passSideBySide(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch,
+                      const BinLimits& limits) {
   const auto done = binned(job.out, job.plan);
   const Inputs before = done ? done->inputs : Inputs();
   if (done && isWhole(job, before)) return *done;
@@ -266,8 +266,14 @@ Binned binSideBySide(const Job& job, std::span<io::ScanSequence* const> flights,
   return result;
 }
 
-FusedTile loadFused(const Job& job, const TileId& id) {
+FusedTile loadFused(const Job& job, const Inputs& inputs, const TileId& id) {
   const RollingManifest manifest = manifestOf(job);
+  // A later call of bin() may have begun again, and have been stopped, or refused a scan that has changed.
+  const std::uint64_t steps = manifest.stamps_s.size();
+  if (steps != job.plan.steps() || !noteFrom(manifest.note, steps, job.plan, inputs)) {
+    throw InputError("rays.missing", job.out.string(), "holds tiles that have not taken the scans of this plan",
+                     "Run accessvdb tile bin first");
+  }
   const auto entry =
       std::ranges::find_if(manifest.tiles, [&](const Json& tile) { return tile.at("tile") == id.name(); });
   if (entry == manifest.tiles.end()) {

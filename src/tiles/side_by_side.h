@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/tiles.h"
@@ -18,8 +19,8 @@ namespace accessvdb::tiles {
 [[nodiscard]] bool goesSideBySide(const FieldParams& params);
 
 /// bin(). The folder of rays holds nothing of others.
-[[nodiscard]] Binned binSideBySide(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch,
-                                   const BinLimits& limits);
+[[nodiscard]] Binned passSideBySide(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch,
+                                    const BinLimits& limits);
 
 /// A tile that has taken all scans, without labels.
 struct FusedTile {
@@ -29,7 +30,7 @@ struct FusedTile {
   /// The step that brought the first return of a point, by its id in the tile.
   std::function<std::uint32_t(std::uint32_t id)> stepOf;
 };
-/// @throws InputError "rays.missing", "rays.damaged"
-[[nodiscard]] FusedTile loadFused(const Job& job, const TileId& id);
+/// @param inputs  Binned::inputs  @throws InputError "rays.missing", "rays.damaged"
+[[nodiscard]] FusedTile loadFused(const Job& job, const std::vector<io::InputFile>& inputs, const TileId& id);
 
 }  // namespace accessvdb::tiles

@@ -240,10 +240,10 @@ void requireSame(const Plan& wanted, const Plan& found, const std::filesystem::p
   }
   for (std::size_t n = 0; n < wanted.flights.size(); ++n) {
     const Flight &now = wanted.flights[n], &then = found.flights[n];
-    if (now.options != then.options) refuse(firstDifference(then.options, now.options));
     if (now.poses_in_effect != then.poses_in_effect) {
       refuse("its poses were corrected", "; what is left of it is done by accessvdb tile bin, run and merge");
     }
+    if (now.options != then.options) refuse(firstDifference(then.options, now.options));
     if (now.inputs.size() != then.inputs.size()) {
       refuse(std::to_string(then.inputs.size()) + " input files instead of " + std::to_string(now.inputs.size()));
     }

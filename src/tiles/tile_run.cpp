@@ -58,6 +58,7 @@ struct Run {
   const RunLimits& limits;
   const Watch& watch;
   const TileReturns& whole;
+  const std::vector<io::InputFile>& inputs;
 };
 
 /// One attempt at one tile.
@@ -77,7 +78,7 @@ class TileRun {
     params.window = tile_.id.window(job_.plan.tile_voxels);
     AttemptFolder folder(job_.out, tile_.id);
     if (goesSideBySide(params)) {
-      FusedTile fused = loadFused(job_, tile_.id);
+      FusedTile fused = loadFused(job_, run_.inputs, tile_.id);
       tile_.returns = fused.returns;
       requireFit(peakBytesOf(internal::FieldAccess::counts(fused.field), {fused.returns, 0}, job_, tables_));
       score(fused.field, folder, fused.stepOf);
@@ -259,7 +260,7 @@ std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, c
   }
   std::vector<Tile> done;
   try {
-    runInto({job, limits, watch, *whole}, which, done);
+    runInto({job, limits, watch, *whole, rays.inputs}, which, done);
   } catch (const Stopped&) {
   }
   return done;

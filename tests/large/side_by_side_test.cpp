@@ -151,6 +151,37 @@ TEST_F(SideBySide, WithMoreMemoryItGoesOn) {
   expectOnePiece();
 }
 
+/// With the rays gone when all was done, and one tile to be made again.
+TEST_F(SideBySide, NoTileIsMadeFromWhatAStoppedPassHasTaken) {
+  binUntil(kScans, false, {});
+  const tiles::Binned whole = rays_;
+  fs::remove_all(job_.out / "rays");
+  binUntil(9, false, {});
+  const auto expectMissing = [&] {
+    try {
+      tiles::run(job_, whole, whole.returns_of.front().id, {});
+      ADD_FAILURE() << "made";
+    } catch (const InputError& error) {
+      EXPECT_EQ(error.id(), "rays.missing");
+    }
+  };
+  expectMissing();
+
+  // A scan that has changed: bin() refuses it once all are read, and what it has fused is of no use.
+  const std::string scan = open().paths()[kScans / 2];
+  const std::string before = readText(fs::relative(scan, folder_).string());
+  std::string changed = before;
+  changed[changed.size() - 2] = static_cast<char>(changed[changed.size() - 2] ^ 1);
+  writeText(fs::relative(scan, folder_).string(), changed);
+  EXPECT_THROW(binUntil(kScans, false, {}), UnusableInput);
+  expectMissing();
+
+  writeText(fs::relative(scan, folder_).string(), before);
+  binUntil(kScans, false, {});
+  EXPECT_TRUE(rays_.complete);
+  expectOnePiece();
+}
+
 /// What was not as it is now, or belongs to another plan, is made again.
 TEST_F(SideBySide, OtherScansAreNotGoneOnWith) {
   binUntil(9, false, {});

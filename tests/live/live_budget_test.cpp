@@ -173,7 +173,9 @@ TEST(LiveBudget, GoesOnAfterResetAndRemoval) {
   const LiveRemoval removal =
       session.removeRegion(Region::box(Eigen::Vector3d(1.4, 0.4, 0.3), Eigen::Vector3d(1.6, 0.6, 1.0)));
   EXPECT_GT(removal.removal.voxels, 0U);
-  EXPECT_GT(session.status().backlog, 0U);
+  EXPECT_EQ(session.status().backlog, 0U) << "all points are asked again, and none of them waits";
+  expectLabelsOfFullEvaluation(session.field());
+  feed(1);
   session.reset();
   EXPECT_EQ(session.status().backlog, 0U);
   EXPECT_EQ(session.status().backlog_ms, 0);

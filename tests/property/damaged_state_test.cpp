@@ -372,7 +372,7 @@ TEST_F(DamagedState, IsRefusedIfItIsOlderThanScansCanMakeIt) {
 TEST_F(DamagedState, IsRefusedForOtherRulesAndAnotherTool) {
   const std::string rules = withHead([](internal::StateHead& head) { head.rules_version += 1; });
   EXPECT_EQ(refusalOf(rules).rfind("state.rules", 0), 0u) << refusalOf(rules);
-  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 100; });
+  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 1000; });
   EXPECT_EQ(refusalOf(layout).rfind("state.rules", 0), 0u) << refusalOf(layout);
   writeBytes(file(), good_);
   try {

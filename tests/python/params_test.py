@@ -53,6 +53,7 @@ OTHER = {
         "neighbourhood_weight": False,
         "confidence_half_weight": 4.0,
         "confidence_min": 0.3,
+        "point_spacing_m": 0.06,
     },
     "UpdateParams": {
         "policy": "paper",

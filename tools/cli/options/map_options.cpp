@@ -122,11 +122,11 @@ double pointSpacing_m(const std::string& points, const std::string& spacing, con
     throw InvalidArgument("usage.word", "--points", "\"" + printable(points) + "\" is not known", "Use all or surface");
   }
   const bool is_auto = spacing == "auto";
-  double spacing_m = std::max(tsdf.voxel_size_m, tsdf.range_noise_m);
+  double spacing_m = std::max(tsdf.voxel_size_m, tsdf.range_noise_m);  // where these are of no use, others say so
   const char* end = spacing.data() + spacing.size();
   const auto [rest, error] =
       is_auto ? std::from_chars_result{end, std::errc()} : std::from_chars(spacing.data(), end, spacing_m);
-  if (error != std::errc() || rest != end || !(spacing_m > 0) || !std::isfinite(spacing_m)) {
+  if (!is_auto && (error != std::errc() || rest != end || !(spacing_m > 0) || !std::isfinite(spacing_m))) {
     throw InvalidArgument("usage.point_spacing", "--point-spacing",
                           "\"" + printable(spacing) + "\" is not a positive length in metres",
                           "Use for example 0.02, or auto");

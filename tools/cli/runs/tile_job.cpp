@@ -342,10 +342,12 @@ io::ScanInputOptions inputOfFlight(const OpenJob& open, std::size_t flight) {
 }
 
 void requirePlannedPoses(const OpenJob& open, std::size_t flight) {
-  const auto require = [](const fs::path& file, const std::string& sha256) {
+  const bool full = open.job.params.change.mode == ChangeMode::Full;
+  const auto require = [full](const fs::path& file, const std::string& sha256) {
     if (sha256.empty() || io::sha256OfFile(file) == sha256) return;
     throw UnusableInput("plan.changed", file.string(), "has changed since the plan was made",
-                        "Restore it; with corrected poses, accessvdb tile plan OUT --poses FILE goes on");
+                        full ? "Restore it, or make a plan in another folder"
+                             : "Restore it; with corrected poses, accessvdb tile plan OUT --poses FILE goes on");
   };
   const tiles::Flight& planned = open.job.plan.flights[flight];
   for (const tiles::PlannedInput& input : planned.inputs) require(input.path, input.sha256);

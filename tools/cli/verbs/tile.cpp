@@ -172,7 +172,8 @@ int runTiles(const Arguments& arguments, Messages& messages) {
   flags.describe("tile run", "Maps tiles, each into a folder of its own in OUT/tiles. Without --tile: all of them.",
                  "accessvdb tile run out/ --tile 3_-2 --max-memory 4G");
   flags.list("--tile", options.tiles, "name of a tile, as accessvdb tile list prints it; may be repeated");
-  flags.option("--max-memory", &options.map.max_memory, "limit on memory; a tile that needs more is run as quarters");
+  flags.option("--max-memory", &options.map.max_memory,
+               "limit on memory; a tile that needs more is run as quarters, but with --change full");
   flags.flag(
       "--worker", options.worker,
       "run the tiles that standard input names, a line each, and print each name when it is done; stop when it ends");
