@@ -156,7 +156,7 @@ class Params(unittest.TestCase):
                     continue
                 described = lines(accessvdb.FieldParams(**{part: {field: value}}))
                 changed = {key for key in plain if plain[key] != described.get(key)}  # some have no line when off
-                if field in ("orientations", "rolls"):  # only of those that are not yaw, or roll
+                if field in ("orientations", "rolls", "point_spacing_m"):  # only of those that are not yaw, roll, are spaced
                     self.assertNotIn(field, plain)
                     self.assertEqual(described[field], str(value))
                     continue
