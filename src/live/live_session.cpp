@@ -137,10 +137,10 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     Clock::time_point arrived = {};  ///< the first scan since the last update
   };
 
-  /// @param budget  of those in `clocked`; null without one
-  UpdateStats update(const internal::UpdateBudget* budget) {
+  /// @param budget_points  with a clock, else it is that of the map; 0: all, however long it takes
+  UpdateStats update(int budget_points) {
     if (!clocked) return map.update();
-    map.setBudgetPoints(budget->points());
+    map.setBudgetPoints(budget_points);
     const auto oldest = clocked->times.oldest();
     const UpdateStats stats = map.update();
     if (oldest) clocked->longest_ms = std::max(clocked->longest_ms, millisecondsBetween(*oldest, Clock::now()));
@@ -149,16 +149,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     clocked->most = std::max(clocked->most, stats.backlog);
     return stats;
   }
-  UpdateStats update() { return update(clocked ? &clocked->of_scans : nullptr); }
-  /// However long it takes.
-  void updateAll() {
-    if (clocked) clocked->arrived = Clock::now();
-    if (clocked) map.setBudgetPoints(0);
-    const UpdateStats stats = map.update();
-    if (!clocked) return;
-    clocked->times.note(clocked->arrived, stats.backlog_updates);
-    clocked->backlog = stats.backlog;
-  }
+  UpdateStats update() { return update(clocked ? clocked->of_scans.points() : 0); }
 
   /// Between two scans, or at the end of them.
   LiveStep workOffBacklog() {
@@ -168,7 +159,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     step.stamp_ns = clocked->stamp_ns;
     step.only_backlog = true;
     step.budget_points = clocked->of_backlog.points();
-    step.scored = update(&clocked->of_backlog);
+    step.scored = update(*step.budget_points);
     unscored = 0;
     ++clocked->steps;
     clocked->of_backlog.took(millisecondsBetween(begin, Clock::now()), step.scored.score_ms, clocked->backlog > 0);
@@ -359,7 +350,7 @@ void LiveSession::reset() {
 LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
   LiveRemoval removal;
   removal.removal = impl_->map.field().removeRegion(region, as);
-  impl_->updateAll();  // everything is asked again: else most of the map would wait, unscored
+  static_cast<void>(impl_->update(0));  // everything is asked again: else most of the map would wait, unscored
   impl_->unscored = 0;
   removal.changed = impl_->map.takeChanged();
   const std::scoped_lock locked(impl_->lock);

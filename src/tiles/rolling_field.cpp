@@ -776,7 +776,8 @@ namespace {
 void requireApart(const fs::path& folder, const fs::path& out) {
   for (const char* const name : {"rays", "tiles"}) {
     std::error_code error;
-    const fs::path within = fs::weakly_canonical(folder, error).lexically_relative(fs::weakly_canonical(out / name));
+    const fs::path within =
+        fs::weakly_canonical(folder, error).lexically_relative(fs::weakly_canonical(out / name, error));
     if (within.empty() || *within.begin() == "..") continue;
     throw OutputError("output.foreign", out.string(), "holds the folder of this very field", "Choose another folder");
   }

@@ -101,12 +101,17 @@ RollingFiles filesOf(const Job& job, const Json& tile) {
   return {raysFolder(job.out), {id.x, id.y}, tile.at("serial").get<std::uint64_t>()};
 }
 
+/// Whether all scans were taken, and none that has changed. @param before  of a finished bin()
+bool hasTakenAll(const RollingManifest& manifest, const Plan& plan, const Inputs& before) {
+  const std::uint64_t steps = manifest.stamps_s.size();
+  return steps == plan.steps() && noteFrom(manifest.note, steps, plan, before);
+}
+
 /// @param before  of a finished bin()
 bool isWhole(const Job& job, const Inputs& before) {
   try {
     const RollingManifest manifest = manifestOf(job);
-    const std::uint64_t steps = manifest.stamps_s.size();
-    if (steps != job.plan.steps() || !noteFrom(manifest.note, steps, job.plan, before)) return false;
+    if (!hasTakenAll(manifest, job.plan, before)) return false;
     return std::ranges::all_of(manifest.tiles, [&](const Json& tile) {
       const RollingFiles files = filesOf(job, tile);
       return io::isFile(files.state) && io::isFile(files.ids);
@@ -269,8 +274,7 @@ Binned passSideBySide(const Job& job, std::span<io::ScanSequence* const> flights
 FusedTile loadFused(const Job& job, const Inputs& inputs, const TileId& id) {
   const RollingManifest manifest = manifestOf(job);
   // A later call of bin() may have begun again, and have been stopped, or refused a scan that has changed.
-  const std::uint64_t steps = manifest.stamps_s.size();
-  if (steps != job.plan.steps() || !noteFrom(manifest.note, steps, job.plan, inputs)) {
+  if (!hasTakenAll(manifest, job.plan, inputs)) {
     throw InputError("rays.missing", job.out.string(), "holds tiles that have not taken the scans of this plan",
                      "Run accessvdb tile bin first");
   }

@@ -307,14 +307,16 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
     sent_to_ = 0;  // all points are sent again
   };
   switch (command.kind) {
-    case LiveCommandKind::Save:
+    case LiveCommandKind::Save: {
       if (session.rolling() != nullptr) refuse("cannot be done: --rolling writes the files when the run ends");
       if (session.field().points()->size() == 0) refuse("cannot be done: there is nothing to save");
       writeFiles(session);
-      if (report_.live) report_.live->status = session.status();
+      const LiveStatus status = session.status();
+      if (report_.live) report_.live->status = status;
       writeReport(fs::path(options_.map.out) / "report.json", report_, messages_);
       return "saved " + std::to_string(report_.surface_points) + " points into " + options_.map.out +
-             waitingInWords(session.status());
+             waitingInWords(status);
+    }
     case LiveCommandKind::Checkpoint: {
       if (RollingField* const tiles = session.rolling()) {
         if (report_.scans == 0) refuse("cannot be done: there is no scan in the map");
