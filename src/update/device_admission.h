@@ -101,6 +101,7 @@ class DeviceAdmission {
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
   std::vector<std::uint16_t> read_weights_;    ///< used by readWeightsOf()
   std::vector<kernels::PointDelta> deltas_;
+  std::vector<std::uint32_t> returns_;  ///< of the points that are handed over, if they compete
   std::vector<kernels::BlockDelta> block_deltas_;
   std::vector<std::uint32_t> block_ids_;
   std::vector<kernels::PointStateView> states_;  ///< of scorers_
