@@ -142,14 +142,18 @@ void DeviceAdmission::admitPoints(std::span<const kernels::PointDelta> deltas) {
   for (std::size_t first = 0; first < deltas.size(); first += kMostDeltas) {
     kernels::AdmitInput part = input();
     part.deltas = deltas.subspan(first, std::min(deltas.size() - first, kMostDeltas));
-    if (scorer_.choice().isMade()) {
-      returns_.resize(part.deltas.size());
-      std::ranges::transform(part.deltas, returns_.begin(),
-                             [this](const kernels::PointDelta& delta) { return scorer_.points().returns(delta.id); });
-      part.returns = returns_;
-    }
+    if (scorer_.choice().isMade()) part.returns = returnsOf(part.deltas);
     updater_.admit(part);
   }
+}
+
+/// @return valid until the next call
+std::span<const std::uint32_t> DeviceAdmission::returnsOf(std::span<const kernels::PointDelta> deltas) {
+  returns_.resize(deltas.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, deltas.size(), 1024), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) returns_[n] = scorer_.points().returns(deltas[n].id);
+  });
+  return returns_;
 }
 
 /// Hands over what several scans, or none, have brought: the points in their current state.

@@ -80,6 +80,7 @@ class DeviceAdmission {
   void admit(const HandOver& hand_over);
   void admitBlocks(std::span<const std::uint32_t> changed);
   void admitPoints(std::span<const kernels::PointDelta> deltas);
+  [[nodiscard]] std::span<const std::uint32_t> returnsOf(std::span<const kernels::PointDelta> deltas);
   void admitAll();
   void readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points);
   void findCrossed();
