@@ -180,7 +180,7 @@ if wanted sanitizers; then
   else
     # Streams: one with a thin tool, and five short ones: a tool counted by its slabs, voxels so small that blocks are
     # taken in groups, a tool so thick that it takes leaves as a whole, one that tilts and rolls, and a wide set. Two
-    # more with a queue: one per policy.
+    # more with a queue, one per policy, and one that scores points of the surface.
     checked=CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes
     checked+=:CudaMemory.NothingIsAllocatedOnceWarm:CudaDistance.NothingIsAllocatedOnceWarm
     checked+=:ShortStream.HasAToolWithSlabsThatBlocks
@@ -189,7 +189,7 @@ if wanted sanitizers; then
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/2
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/3
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/4:CudaWide.ShortRun
-    checked+=:ShortStream/CudaStream.PipelinedEqualsTheCpu/0
+    checked+=:ShortStream/CudaStream.PipelinedEqualsTheCpu/0:ShortStream/CudaSurface.EqualsTheCpuAfterEveryUpdate/0
     checked+=:ShortStream/CudaBudget.OnlyDelays/0:ShortStream/CudaPaper.EvaluatesTheSamePointsAsTheCpu/0
     expected=$(tr -cd : <<<":$checked" | wc -c)
     for tool in memcheck racecheck initcheck synccheck; do

@@ -97,8 +97,8 @@ struct ScoringParams {
   double confidence_min = 0.2;          ///< [c_min] below: not scored
   /// 0: every point is scored. Above: of the points that lie along a normal's main axis within
   /// max(2 range_noise_m, this) of each other, in a cell of this edge across it, only one where the surface is; the
-  /// others are PointReason::BesideSurface. At least a voxel, at most tau; max(v, range_noise_m) is meant. Only on the
-  /// CPU, for UpdatePolicy::Exact, and not with ChangeMode::Full.
+  /// others are PointReason::BesideSurface. At least a voxel, at most tau; max(v, range_noise_m) is meant. Only for
+  /// UpdatePolicy::Exact, and not with ChangeMode::Full.
   double point_spacing_m = 0.0;
 };
 

@@ -50,6 +50,8 @@ struct SurfaceChoice {
   /// [voxels] No point farther up or down is within the window: means lie in their voxel, but for a quarter of one by
   /// rounding.
   [[nodiscard]] ACCESSVDB_HOSTDEV std::int32_t windowVoxels() const { return window / kHeightsPerVoxel + 2; }
+  /// [voxels] From a point to the farthest one that competes with it; 0 if every point is scored.
+  [[nodiscard]] double reachVoxels() const { return isMade() ? std::hypot(windowVoxels(), edge, edge) : 0; }
 };
 
 /// Voxels that may hold a point with which another one competes, inclusive.
@@ -61,6 +63,11 @@ struct CompetingVoxels {
       low[k] = k == axis ? voxel[k] - choice.windowVoxels() : choice.cellOf(voxel[k]);
       high[k] = k == axis ? voxel[k] + choice.windowVoxels() : low[k] + choice.edge - 1;
     }
+  }
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool hold(const std::int32_t* voxel) const {
+    bool holds = true;
+    for (int k = 0; k < 3; ++k) holds = holds && voxel[k] >= low[k] && voxel[k] <= high[k];
+    return holds;
   }
 };
 
@@ -82,36 +89,50 @@ struct CompetingPoint {
   std::int32_t voxel[3] = {0, 0, 0};  ///< decides between equals
 };
 
+/// The returns within the window of a point, all of its cell and side: first all points are added, then compared.
+struct WindowReturns {
+  CompetingPoint own;
+  std::int32_t window = 0;               ///< [heights]
+  std::int64_t returns = 0, moment = 0;  ///< their number, and the sum of their heights above the own one
+
+  ACCESSVDB_HOSTDEV void add(const CompetingPoint& point) {
+    if (!holds(point)) return;
+    const std::int64_t count = point.returns < kMostReturnsThatCount ? point.returns : kMostReturnsThatCount;
+    returns += count;
+    moment += count * above(point);
+  }
+  /// Whether a point is nearer to the mean height than the own one.
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool isNearer(const CompetingPoint& point) const {
+    if (!holds(point)) return false;
+    const std::int64_t up = above(point), above_mean = up * returns - moment;
+    const std::int64_t distance = above_mean < 0 ? -above_mean : above_mean,  // times the returns
+        own_distance = moment < 0 ? -moment : moment;
+    if (distance != own_distance) return distance < own_distance;
+    if (up != 0) return up < 0;  // of two at the same distance the lower one is the nearer
+    int k = 0;
+    while (k < 2 && point.voxel[k] == own.voxel[k]) ++k;
+    return point.voxel[k] < own.voxel[k];
+  }
+
+ private:
+  [[nodiscard]] ACCESSVDB_HOSTDEV std::int64_t above(const CompetingPoint& point) const {
+    return static_cast<std::int64_t>(point.height) - own.height;
+  }
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool holds(const CompetingPoint& point) const {
+    const std::int64_t up = above(point);
+    return up <= window && up >= -static_cast<std::int64_t>(window);
+  }
+};
+
 /// @param own  one of the points  @param forEach  calls visit(const CompetingPoint&) for points of its cell and side:
 ///   all within the window, in any order, and `own` itself
 template <class ForEach>
 [[nodiscard]] ACCESSVDB_HOSTDEV bool isOnSurface(const CompetingPoint& own, std::int32_t window,
                                                  const ForEach& forEach) {
-  const auto isWithin = [window](std::int64_t up) { return up <= window && up >= -static_cast<std::int64_t>(window); };
-  std::int64_t returns = 0, moment = 0;  // of heights above the own one
-  forEach([&](const CompetingPoint& point) {
-    const std::int64_t up = static_cast<std::int64_t>(point.height) - own.height;
-    if (!isWithin(up)) return;
-    const std::int64_t count = point.returns < kMostReturnsThatCount ? point.returns : kMostReturnsThatCount;
-    returns += count;
-    moment += count * up;
-  });
-  const std::int64_t own_distance = moment < 0 ? -moment : moment;  // from the mean, times the returns
+  WindowReturns around = {own, window};
+  forEach([&](const CompetingPoint& point) { around.add(point); });
   bool nearest = true;
-  forEach([&](const CompetingPoint& point) {
-    const std::int64_t up = static_cast<std::int64_t>(point.height) - own.height;
-    if (!isWithin(up)) return;
-    const std::int64_t above_mean = up * returns - moment, distance = above_mean < 0 ? -above_mean : above_mean;
-    if (distance > own_distance) return;
-    // Of two at the same distance the lower one is the nearer.
-    bool before = distance < own_distance || up < 0;
-    if (distance == own_distance && up == 0) {
-      int k = 0;
-      while (k < 2 && point.voxel[k] == own.voxel[k]) ++k;
-      before = point.voxel[k] < own.voxel[k];
-    }
-    if (before) nearest = false;
-  });
+  forEach([&](const CompetingPoint& point) { nearest = nearest && !around.isNearer(point); });
   return nearest;
 }
 
@@ -127,6 +148,10 @@ ACCESSVDB_HOSTDEV inline int besideSurfaceAxis(const float* normal) {
     if (copysignf(1.0f, normal[k]) < 0) return k;
   }
   return -1;
+}
+/// @return the axis along which a point with this normal competes; -1 if it has none
+ACCESSVDB_HOSTDEV inline int competingAxis(const float* normal) {
+  return normal[0] != 0 || normal[1] != 0 || normal[2] != 0 ? mainAxis(normal) : besideSurfaceAxis(normal);
 }
 
 }  // namespace accessvdb::kernels

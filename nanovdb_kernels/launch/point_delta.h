@@ -8,6 +8,7 @@
 #include <span>
 
 #include "hostdev/point_update.h"
+#include "hostdev/surface_choice.h"
 #include "hostdev/views.h"
 
 namespace accessvdb::kernels {
@@ -24,6 +25,7 @@ struct NeighbourTables {
   int view_neighbours = 0;  ///< this many of the nearest share their seen directions; 0: none
   int num_directions = 0;   ///< [D]
   int group_log2 = 0;       ///< [log2 of leaves] edge of a group of blocks, 0 .. kMaxGroupLog2
+  SurfaceChoice choice;     ///< which points are scored
 };
 
 /// A point that is new, or that a scan touched since the last update.
@@ -59,6 +61,7 @@ struct AdmitInput {
   std::span<const PointStateView> states;
   std::uint32_t num_points = 0, num_blocks = 0, num_groups = 0, num_slots = 0;
   std::span<const PointDelta> deltas;
+  std::span<const std::uint32_t> returns;  ///< [deltas] of each point so far; only if a choice is made
   std::span<const BlockDelta> blocks;
   std::span<const std::uint32_t> block_ids;
 };

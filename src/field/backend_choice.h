@@ -34,10 +34,7 @@ template <typename Make>
 auto onBackend(const FieldParams& resolved, const Make& make) -> decltype(make(ChosenBackend{})) {
   if (resolved.backend == BackendKind::Cuda) return make(cudaBackend());
   ChosenBackend cpu = cpuBackend();
-  if (resolved.backend == BackendKind::Auto && resolved.scoring.point_spacing_m > 0) {
-    cpu.note_id = "device.points";
-    cpu.note = "only the CPU can score fewer points";
-  } else if (resolved.backend == BackendKind::Auto) {
+  if (resolved.backend == BackendKind::Auto) {
     try {
       return make(cudaBackend());
     } catch (const Error& error) {

@@ -144,9 +144,6 @@ void requireSpacing(const FieldParams& p) {
     refuse("change", "a surface that has gone would keep the points beside it from being scored",
            "Use ChangeMode::Block, or score all points");
   }
-  if (p.backend == BackendKind::Cuda) {
-    refuse("backend", "the CUDA backend scores every point", "Use BackendKind::Cpu, or score all points");
-  }
 }
 
 void requireWindow(const FieldParams& p) {

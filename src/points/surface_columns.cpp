@@ -3,7 +3,6 @@
 #include "points/surface_columns.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "points/ids_in_box.h"
 
@@ -16,11 +15,6 @@ kernels::SurfaceChoice surfaceChoice(const FieldParams& resolved) {
   const double window_m =
       std::min(std::max(2 * resolved.tsdf.range_noise_m, spacing_m), resolved.tsdf.truncation_distance_m);
   return kernels::SurfaceChoice::of(resolved.tsdf.voxel_size_m, spacing_m, window_m);
-}
-
-double competitorReach_voxels(const kernels::SurfaceChoice& choice) {
-  if (!choice.isMade()) return 0;
-  return std::hypot(choice.windowVoxels(), choice.edge, choice.edge);
 }
 
 kernels::CompetingPoint SurfaceColumns::competing(std::uint32_t id, int axis) const {

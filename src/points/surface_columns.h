@@ -16,9 +16,6 @@ namespace accessvdb::internal {
 
 kernels::SurfaceChoice surfaceChoice(const FieldParams& resolved);
 
-/// [voxels] From a point to the farthest one that competes with it; 0 if every point is scored.
-double competitorReach_voxels(const kernels::SurfaceChoice& choice);
-
 /// With scratch memory of one thread.
 class SurfaceColumns {
  public:

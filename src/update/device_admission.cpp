@@ -31,6 +31,7 @@ kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_di
   tables.view_neighbours = resolved.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
   tables.num_directions = num_directions;
   tables.group_log2 = group_log2;
+  tables.choice = surfaceChoice(resolved);
   return tables;
 }
 
@@ -141,8 +142,18 @@ void DeviceAdmission::admitPoints(std::span<const kernels::PointDelta> deltas) {
   for (std::size_t first = 0; first < deltas.size(); first += kMostDeltas) {
     kernels::AdmitInput part = input();
     part.deltas = deltas.subspan(first, std::min(deltas.size() - first, kMostDeltas));
+    if (scorer_.choice().isMade()) part.returns = returnsOf(part.deltas);
     updater_.admit(part);
   }
+}
+
+/// @return valid until the next call
+std::span<const std::uint32_t> DeviceAdmission::returnsOf(std::span<const kernels::PointDelta> deltas) {
+  returns_.resize(deltas.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, deltas.size(), 1024), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) returns_[n] = scorer_.points().returns(deltas[n].id);
+  });
+  return returns_;
 }
 
 /// Hands over what several scans, or none, have brought: the points in their current state.
@@ -230,7 +241,7 @@ std::uint64_t DeviceAdmission::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return blocks_.bytes() + fresh_.bytes() + is_touched_.bytes() + bytesOf(touched_) + bytesOf(reached_.voxels) +
          bytesOf(reached_.blocks) + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) + bytesOf(read_weights_) +
-         bytesOf(deltas_) + bytesOf(block_deltas_) + bytesOf(block_ids_);
+         bytesOf(deltas_) + bytesOf(returns_) + bytesOf(block_deltas_) + bytesOf(block_ids_);
 }
 
 }  // namespace accessvdb::internal

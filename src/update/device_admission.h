@@ -80,6 +80,7 @@ class DeviceAdmission {
   void admit(const HandOver& hand_over);
   void admitBlocks(std::span<const std::uint32_t> changed);
   void admitPoints(std::span<const kernels::PointDelta> deltas);
+  [[nodiscard]] std::span<const std::uint32_t> returnsOf(std::span<const kernels::PointDelta> deltas);
   void admitAll();
   void readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points);
   void findCrossed();
@@ -101,6 +102,7 @@ class DeviceAdmission {
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
   std::vector<std::uint16_t> read_weights_;    ///< used by readWeightsOf()
   std::vector<kernels::PointDelta> deltas_;
+  std::vector<std::uint32_t> returns_;  ///< of the points that are handed over, if they compete
   std::vector<kernels::BlockDelta> block_deltas_;
   std::vector<std::uint32_t> block_ids_;
   std::vector<kernels::PointStateView> states_;  ///< of scorers_

@@ -13,7 +13,7 @@
 #include <iterator>
 #include <utility>
 
-#include "points/ids_in_box.h"
+#include "hostdev/box_in_leaf.h"
 #include "processor/prefetch.h"
 
 namespace accessvdb::internal {
@@ -188,18 +188,15 @@ void MovedPoints::listTouchedLeaves(const Index3& leaf, std::vector<TouchedLeaf>
 
 bool MovedPoints::competesWithAny(std::uint32_t id, const std::vector<TouchedLeaf>& leaves) const {
   if (leaves.empty()) return false;
-  const Eigen::Vector3f& normal_L = scorer_.record(id).normal_L;
-  const int beside = kernels::besideSurfaceAxis(normal_L.data());
-  if (beside < 0 && normal_L.isZero()) return false;  // a point without a normal does not compete
+  const int axis_of_cell = kernels::competingAxis(scorer_.record(id).normal_L.data());
+  if (axis_of_cell < 0) return false;
   const Index3 voxel = scorer_.points().voxelOf(scorer_.points().first_L(id));
-  const kernels::CompetingVoxels box(scorer_.choice(), voxel.data(),
-                                     beside >= 0 ? beside : kernels::mainAxis(normal_L.data()));
-  const Index3 low = {box.low[0], box.low[1], box.low[2]}, high = {box.high[0], box.high[1], box.high[2]};
+  const kernels::CompetingVoxels box(scorer_.choice(), voxel.data(), axis_of_cell);
   return std::ranges::any_of(leaves, [&](const TouchedLeaf& touched) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      if (touched.leaf[axis] < low[axis] >> 3 || touched.leaf[axis] > high[axis] >> 3) return false;
+      if (touched.leaf[axis] < box.low[axis] >> 3 || touched.leaf[axis] > box.high[axis] >> 3) return false;
     }
-    return BoxInLeaf(touched.leaf, low, high).hasAnyOf(*touched.voxels);
+    return kernels::BoxInLeaf(touched.leaf.data(), box.low, box.high).hasAnyOf(touched.voxels->data());
   });
 }
 

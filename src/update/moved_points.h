@@ -22,7 +22,7 @@ namespace accessvdb::internal {
 class MovedPoints {
  public:
   explicit MovedPoints(const PointScorer& scorer)
-      : scorer_(scorer), competitors_voxels_(static_cast<float>(competitorReach_voxels(scorer.choice()))) {}
+      : scorer_(scorer), competitors_voxels_(static_cast<float>(scorer.choice().reachVoxels())) {}
 
   /// Notes the points that a scan touched. Ignored before the first refreshed(), when no neighbourhood is known yet.
   void note(const TouchedPoints& touched);
@@ -82,7 +82,7 @@ class MovedPoints {
   void forEachNear(const Index3& leaf, float reach_m, const Visit& visit) const;
 
   const PointScorer& scorer_;
-  float competitors_voxels_;  ///< competitorReach_voxels()
+  float competitors_voxels_;  ///< SurfaceChoice::reachVoxels()
   bool any_known_ = false;    ///< does any point have a neighbourhood?
   std::size_t joined_ = 0;    ///< this many at the front of touched_ are sorted, each id once
   std::vector<Touched> touched_;

@@ -65,17 +65,26 @@ std::vector<std::vector<Eigen::Vector3f>> awkwardScans() {
   return scans;
 }
 
-AccessibilityField fieldWith(int neighbours, BackendKind backend) {
+struct NeighboursCase {
+  int neighbours;
+  double spacing_m = 0;  ///< of the points that are scored
+};
+void PrintTo(const NeighboursCase& c, std::ostream* out) {
+  *out << c.neighbours << " neighbours, points " << c.spacing_m << " m apart";
+}
+
+AccessibilityField fieldWith(const NeighboursCase& c, BackendKind backend) {
   FieldParams params;
   params.tsdf.voxel_size_m = kVoxel_m;
   params.origin_W = {0, 0, 0};
-  params.scoring.neighbours = neighbours;
+  params.scoring.neighbours = c.neighbours;
+  params.scoring.point_spacing_m = c.spacing_m;
   params.approach.num_directions = 36;
   params.backend = backend;
   return AccessibilityField(ToolGeometry::builtin("builtin:pencil"), params);
 }
 
-class CudaNeighbours : public GpuTest, public testing::WithParamInterface<int> {};
+class CudaNeighbours : public GpuTest, public testing::WithParamInterface<NeighboursCase> {};
 
 TEST_P(CudaNeighbours, AreThoseOfTheCpuInAwkwardPlaces) {
   AccessibilityField cpu = fieldWith(GetParam(), BackendKind::Cpu), cuda = fieldWith(GetParam(), BackendKind::Cuda);
@@ -92,11 +101,17 @@ TEST_P(CudaNeighbours, AreThoseOfTheCpuInAwkwardPlaces) {
 }
 
 // Around the most neighbours that are found cell by cell (kMostNeighboursByCell is 220).
-INSTANTIATE_TEST_SUITE_P(Neighbours, CudaNeighbours, testing::Values(3, 20, 100, 220, 221, 500));
+INSTANTIATE_TEST_SUITE_P(Neighbours, CudaNeighbours,
+                         testing::Values(NeighboursCase{3}, NeighboursCase{20}, NeighboursCase{100},
+                                         NeighboursCase{220}, NeighboursCase{221}, NeighboursCase{500}));
+// Many points of a cell at the same height, with as many returns: voxels decide.
+INSTANTIATE_TEST_SUITE_P(OfTheSurface, CudaNeighbours,
+                         testing::Values(NeighboursCase{3, 0.2}, NeighboursCase{20, 0.05}, NeighboursCase{100, 0.1},
+                                         NeighboursCase{221, 0.2}));
 
 /// Checks that the places contain what they must show. Needs no GPU.
 TEST(AwkwardNeighbours, GiveNormalsThatChange) {
-  AccessibilityField field = fieldWith(20, BackendKind::Cpu);
+  AccessibilityField field = fieldWith({20}, BackendKind::Cpu);
   FieldSnapshot before;
   for (const std::vector<Eigen::Vector3f>& scan : awkwardScans()) {
     field.integrateScan(scan, Eigen::Isometry3d::Identity());

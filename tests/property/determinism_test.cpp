@@ -56,7 +56,6 @@ TEST(Determinism, ThreadsAndOrderDoNotMatter) {
 TEST(Determinism, ThreadsAndOrderDoNotDecideWhichPointsAreScored) {
   std::vector<Scan> scans = wallScans(3, 5, 700);
   FieldParams params = paramsOf(0.05, 1, UpdatePolicy::Exact);
-  params.backend = BackendKind::Cpu;
   params.scoring.point_spacing_m = 0.1;
   const FieldSnapshot expected = run(scans, params).snapshot();
   expectVaried(expected);

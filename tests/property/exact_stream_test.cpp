@@ -73,7 +73,6 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
   params.scoring.confidence_min = c.confidence_min;
   params.scoring.surface_samples = 60;  // for that form; few, for speed
   params.scoring.point_spacing_m = c.point_spacing_m;
-  if (c.point_spacing_m > 0) params.backend = BackendKind::Cpu;
   AccessibilityField field(ToolGeometry::builtin(c.tool), params);
   std::uint64_t tests = 0, labels_seen = 0, chosen_again = 0;
   std::vector<SurfacePoint> before;

@@ -109,6 +109,8 @@ __device__ void takeDue(const DueContext& context, std::uint32_t id, const Point
   }
 }
 
+/// @tparam kChooses  whether points may be beside the surface: their normals are all zero, and differ in their signs
+template <bool kChooses>
 __global__ void storeNeighbours(PointsView points, PointChunk part, FoundNeighbourhood* neighbourhoods,
                                 std::uint32_t* changed_bits) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
@@ -127,6 +129,9 @@ __global__ void storeNeighbours(PointsView points, PointChunk part, FoundNeighbo
   atomicMax(reinterpret_cast<int*>(points.index.reach_m + points.state.block[id]), __float_as_int(reach_m));
   bool changed = is_first;
   for (int axis = 0; axis < 3; ++axis) changed = changed || before.normal[axis] != now.normal[axis];
+  if constexpr (kChooses) {
+    changed = changed || besideSurfaceAxis(before.normal) != besideSurfaceAxis(now.normal);
+  }
   for (int w = 0; w < kMaxDirectionWords; ++w) changed = changed || before.seen.word[w] != now.seen.word[w];
   if (!changed) return;
   atomicOr(changed_bits + (id >> 5), 1u << (id & 31));
@@ -215,9 +220,10 @@ __global__ void afterWaiting(DueContext context, DeviceList<std::uint32_t> ids) 
 }  // namespace
 
 void launchStoreNeighbours(const PointsView& points, const PointChunk& part, FoundNeighbourhood* neighbourhoods,
-                           std::uint32_t* changed_bits, cudaStream_t stream) {
+                           std::uint32_t* changed_bits, bool chooses, cudaStream_t stream) {
   if (part.count == 0) return;
-  storeNeighbours<<<blocksFor(part.count), kThreads, 0, stream>>>(points, part, neighbourhoods, changed_bits);
+  const auto launch = chooses ? storeNeighbours<true> : storeNeighbours<false>;
+  launch<<<blocksFor(part.count), kThreads, 0, stream>>>(points, part, neighbourhoods, changed_bits);
   checkLaunch("storeNeighbours");
 }
 

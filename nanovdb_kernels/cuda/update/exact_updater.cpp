@@ -76,7 +76,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   void findNeighbours() override {
     const CurrentDevice current(context_->device());
     neighbours_begun_ = true;
-    moved_.find(points_.view(), stream());
+    moved_.find(points_.view(), points_.competition(), stream());
     const std::uint32_t most = growPrepared();
     points_.makeByCell(moved_.view(), 0, most, prepared_.data(), stream());
     launchNotePrepared(&shared().data()->moved, most, stream());
@@ -88,7 +88,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     points_.setState(input.tools.front().points);
     if (!neighbours_begun_) {
       neighbours_begun_ = true;
-      moved_.find(points_.view(), stream());
+      moved_.find(points_.view(), points_.competition(), stream());
       ACCESSVDB_CUDA(cudaEventRecord(moved_found_.get(), stream()));
     }
     const UpdateCounters found = readMirror(input);
@@ -189,7 +189,8 @@ class DeviceExactUpdater final : public ExactUpdater {
       count = std::min(end - first, most);
       const PointChunk part = moved_.part(first, count);
       FoundNeighbourhood* const found = neighbourhoodsOf(part, neighbours);
-      launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
+      launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits,
+                            points_.competition().choice.isMade(), stream());
       for (const auto& tool : tools_) tool->takeMoved(part, found);
     }
   }
@@ -222,6 +223,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   void reset() {
     for (const auto& counters : counters_) counters->clear(stream());
     moved_.clear(stream());
+    points_.clearTouched(stream());
     neighbours_begun_ = false;
   }
 

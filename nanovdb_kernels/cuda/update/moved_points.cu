@@ -1,13 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Finds neighbourhoods that the touched points may have changed: a touched point matters to another only if its old or
-/// new mean lies no farther away than the k-th neighbour did (as in src/update/moved_points.h). So it always finds
-/// itself if it had neighbours. Finding too many costs time but changes nothing.
+/// new mean lies no farther away than the k-th neighbour did, or if the two compete (as in src/update/moved_points.h).
+/// So it always finds itself if it had neighbours. Finding too many costs time but changes nothing.
 #include <cfloat>
 
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
 #include "cuda/update/update_kernels.h"
+#include "hostdev/box_in_leaf.h"
 
 namespace accessvdb::kernels {
 namespace {
@@ -43,7 +44,9 @@ __device__ void forEachNear(const BlockIndexView& index, const std::int32_t* lea
 }
 
 /// One warp per touched block: finds the blocks with a point that it may matter to.
-__global__ void reachBlocks(PointsView points, MovedView moved, float most_reach_voxels) {
+/// @tparam kCompete  whether points compete
+template <bool kCompete>
+__global__ void reachBlocks(PointsView points, MovedView moved, CompetitionView competition, float most_reach_voxels) {
   const unsigned n = (blockIdx.x * blockDim.x + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
   if (n >= moved.counters->touched_blocks) return;
   const std::int32_t* leaf = points.index.leaf + 3 * static_cast<std::size_t>(moved.places.touched_blocks[n]);
@@ -51,7 +54,8 @@ __global__ void reachBlocks(PointsView points, MovedView moved, float most_reach
     if (block == kNoIndex) return;
     const float reach_m = points.index.reach_m[block];
     if (reach_m < 0) return;
-    const float reach_voxels = reach_m / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    float reach_voxels = reach_m / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    if constexpr (kCompete) reach_voxels = fmaxf(reach_voxels, competition.reach_voxels);
     if (squared_gap > reach_voxels * reach_voxels) return;
     const std::uint32_t bit = 1u << (block & 31);
     if ((atomicOr(moved.places.reached_bits + (block >> 5), bit) & bit) != 0) return;
@@ -86,8 +90,31 @@ __device__ void listMoved(const MovedView& moved, const std::uint32_t* ids, unsi
   }
 }
 
+/// Whether a point competes with any that was touched: there is one in a voxel of its cell within the window.
+__device__ bool competesWithTouched(const PointsView& points, const CompetitionView& competition, std::uint32_t id) {
+  const int axis = competingAxis(points.points.normal_L + 3 * static_cast<std::size_t>(id));
+  if (axis < 0) return false;
+  const float* p = points.points.position_L + 3 * static_cast<std::size_t>(id);
+  const Coord voxel = voxelOf(p[0], p[1], p[2], competition.inverse_voxel_size);
+  const std::int32_t at[3] = {voxel[0], voxel[1], voxel[2]};
+  const CompetingVoxels box(competition.choice, at, axis);
+  std::int32_t leaf[3];
+  for (leaf[0] = box.low[0] >> 3; leaf[0] <= box.high[0] >> 3; ++leaf[0]) {
+    for (leaf[1] = box.low[1] >> 3; leaf[1] <= box.high[1] >> 3; ++leaf[1]) {
+      for (leaf[2] = box.low[2] >> 3; leaf[2] <= box.high[2] >> 3; ++leaf[2]) {
+        const std::uint32_t block = points.index.find(leaf[0], leaf[1], leaf[2]);
+        if (block == kNoIndex) continue;
+        if (BoxInLeaf(leaf, box.low, box.high).hasAnyOf(competition.touched_voxels + 8 * std::size_t{block}))
+          return true;
+      }
+    }
+  }
+  return false;
+}
+
 /// One warp per reached block.
-__global__ void findMoved(PointsView points, MovedView moved) {
+template <bool kCompete>
+__global__ void findMoved(PointsView points, MovedView moved, CompetitionView competition) {
   __shared__ float all_places[kWarps][kMostPlaces][3];
   __shared__ std::uint32_t all_counts[kWarps];
   const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
@@ -129,6 +156,7 @@ __global__ void findMoved(PointsView points, MovedView moved) {
         const float bound = reach_m * reach_m * kReachSlack;
         is_moved = there > kMostPlaces;
         for (std::uint32_t p = 0; p < there && !is_moved; ++p) is_moved = squaredDistance(mean, places[p]) <= bound;
+        if constexpr (kCompete) is_moved = is_moved || competesWithTouched(points, competition, id);
         is_moved = is_moved && reach_m >= 0;
         if (is_moved) atomicOr(moved.bits + (id >> 5), 1u << (id & 31));
       }
@@ -144,17 +172,22 @@ __global__ void findMoved(PointsView points, MovedView moved) {
 
 }  // namespace
 
-void launchFindMoved(const PointsView& points, const MovedView& moved, std::uint32_t max_touched, cudaStream_t stream) {
+void launchFindMoved(const PointsView& points, const MovedView& moved, const CompetitionView& competition,
+                     std::uint32_t max_touched, cudaStream_t stream) {
   if (max_touched == 0) return;
   const NeighbourRuleView& rule = points.rule;
   const double radius_m = static_cast<double>(neighbourReach_m(rule.radius_squared, rule.steps_per_m));
-  const auto most_reach_voxels =
+  const auto neighbours_voxels =
       static_cast<float>(radius_m * rule.inverse_voxel_size * static_cast<double>(kReachSlack)) + 2 * kRoundingVoxels;
+  const float most_reach_voxels = fmaxf(neighbours_voxels, competition.reach_voxels);
+  const bool compete = competition.choice.isMade();
   constexpr unsigned kThreads = kWarps * kWarp;
-  reachBlocks<<<(max_touched + kWarps - 1) / kWarps, kThreads, 0, stream>>>(points, moved, most_reach_voxels);
+  const auto reach = compete ? reachBlocks<true> : reachBlocks<false>;
+  reach<<<(max_touched + kWarps - 1) / kWarps, kThreads, 0, stream>>>(points, moved, competition, most_reach_voxels);
   checkLaunch("reachBlocks");
   constexpr unsigned kEnoughBlocks = 4096;
-  findMoved<<<kEnoughBlocks, kThreads, 0, stream>>>(points, moved);
+  const auto find = compete ? findMoved<true> : findMoved<false>;
+  find<<<kEnoughBlocks, kThreads, 0, stream>>>(points, moved, competition);
   checkLaunch("findMoved");
 }
 

@@ -36,8 +36,8 @@ std::uint32_t MovedTables::addPlaces(std::uint32_t more) {
   return first;
 }
 
-void MovedTables::find(const PointsView& points, cudaStream_t stream) {
-  launchFindMoved(points, view_, std::min(places_used_, points.index.blocks), stream);
+void MovedTables::find(const PointsView& points, const CompetitionView& competition, cudaStream_t stream) {
+  launchFindMoved(points, view_, competition, std::min(places_used_, points.index.blocks), stream);
 }
 
 void MovedTables::addCrossed(std::span<const PointWeight> crossed, const PointStateView& points, cudaStream_t stream) {

@@ -28,8 +28,8 @@ class MovedTables {
   void grow(std::uint32_t points, std::uint32_t blocks, cudaStream_t stream);
   /// Makes room for `more` places of touched points. @return the first of them
   std::uint32_t addPlaces(std::uint32_t more);
-  /// Finds the points near those places.
-  void find(const PointsView& points, cudaStream_t stream);
+  /// Finds the points near those places, and those that compete with them.
+  void find(const PointsView& points, const CompetitionView& competition, cudaStream_t stream);
   /// Adds points that became confident, and sets their weights.
   void addCrossed(std::span<const PointWeight> crossed, const PointStateView& points, cudaStream_t stream);
   /// Clears everything except the counters, which it does not own.

@@ -30,11 +30,13 @@ PointTables::PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMe
   view_.rule.radius_squared = neighbourRadiusSquared(tables.radius_m);
   view_.rule.neighbours = tables.neighbours;
   view_.rule.view_neighbours = tables.view_neighbours;
+  if (tables.choice.isMade()) competition_.emplace(context, memory_, tables);
 }
 
 void PointTables::grow(const AdmitInput& input, cudaStream_t stream) {
   growPoints(input.num_points);
   growBlocks(input, stream);
+  if (competition_) competition_->grow(input.num_points, input.num_blocks, stream);
   growFilled(with_points_, memory_, input.num_groups, 0, stream);
   growFilled(group_leaf_, memory_, std::size_t{3} * input.num_groups, 0, stream);
   view_.groups.of_block = group_of_.data();
@@ -99,6 +101,7 @@ DeviceList<PointDelta> PointTables::admit(const AdmitInput& input, const MovedVi
   launchAdmitBlocks(view_, blocks, ids.data, stream);
   const DeviceList<PointDelta> deltas = deltas_.send(input.deltas, memory_, stream);
   launchAdmitPoints(view_, moved, known, deltas, first_place, stream);
+  if (competition_) competition_->admit(deltas, input.returns, first_place != kNoIndex, stream);
   return deltas;
 }
 
@@ -141,6 +144,7 @@ void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::u
   const MovedRange range = {begin, end, to, left_.data()};
   launchNeighboursByCell(view_, moved, range, multiprocessors_, stream);
   launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);
+  chooseOnSurface({moved.ids, &moved.counters->moved, begin, end - begin}, to, stream);
 }
 
 FoundNeighbourhood* PointTables::makeByCell(const MovedView& moved, const PointChunk& part, cudaStream_t stream) {
@@ -158,6 +162,12 @@ void PointTables::makeNeighbourhoods(const PointChunk& part, std::uint32_t* fail
                                      cudaStream_t stream) {
   launchNearest(view_, part, failed, found_.data(), stream);
   launchMakeNeighbourhoods(view_, part, found_.data(), to, stream);
+  chooseOnSurface(part, to, stream);
+}
+
+/// Leaves normals to the points that are scored. @param found  [part.count]
+void PointTables::chooseOnSurface(const PointChunk& part, FoundNeighbourhood* found, cudaStream_t stream) const {
+  if (competition_) launchChooseOnSurface(view_, competition_->view(), part, found, stream);
 }
 
 }  // namespace accessvdb::kernels

@@ -7,9 +7,11 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "cuda/memory/range_array.h"
 #include "cuda/memory/staging.h"
+#include "cuda/update/competition_tables.h"
 #include "cuda/update/update_views.cuh"
 #include "launch/device_array.h"
 #include "launch/point_delta.h"
@@ -28,9 +30,17 @@ class PointTables {
   /// Sets the current arrays of the host's point state.
   void setState(const PointStateView& points) { view_.points = points; }
 
+  /// Of points that are not all scored; else no choice is made.
+  [[nodiscard]] CompetitionView competition() const { return competition_ ? competition_->view() : CompetitionView(); }
+  /// Before points are admitted for the next update.
+  void clearTouched(cudaStream_t stream) {
+    if (competition_) competition_->clearTouched(stream);
+  }
+
   /// Bytes not taken from `memory`.
   [[nodiscard]] std::uint64_t mappedBytes() const {
-    return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + own_seen_.bytes() + reach_.bytes();
+    return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + own_seen_.bytes() + reach_.bytes() +
+           (competition_ ? competition_->mappedBytes() : 0);
   }
 
   /// Makes room for what is admitted.
@@ -60,6 +70,7 @@ class PointTables {
   void growPoints(std::uint32_t points);
   void growBlocks(const AdmitInput& input, cudaStream_t stream);
   void refreshIndex(std::uint32_t blocks);
+  void chooseOnSurface(const PointChunk& part, FoundNeighbourhood* found, cudaStream_t stream) const;
 
   DeviceMemory& memory_;
   std::size_t words_;
@@ -78,7 +89,8 @@ class PointTables {
   // By group.
   DeviceArray<std::int32_t> group_leaf_;
   DeviceArray<std::uint8_t> with_points_;
-  DeviceArray<std::uint32_t> left_;  ///< moved points whose neighbourhoods are not made cell by cell
+  DeviceArray<std::uint32_t> left_;               ///< moved points whose neighbourhoods are not made cell by cell
+  std::optional<CompetitionTables> competition_;  ///< if not every point is scored
   // For one part of the points.
   DeviceArray<FoundNeighbours> found_;
   DeviceArray<FoundNeighbourhood> part_;

@@ -31,8 +31,10 @@ void launchSetWeights(const PointStateView& points, DeviceList<PointWeight> weig
 
 // moved_points.cu: finds points whose neighbourhoods may have changed.
 
-/// Adds points near places to moved.ids. @param max_touched  upper bound of counters.touched_blocks
-void launchFindMoved(const PointsView& points, const MovedView& moved, std::uint32_t max_touched, cudaStream_t stream);
+/// Adds points near places to moved.ids, and those that compete with a touched one.
+/// @param max_touched  upper bound of counters.touched_blocks
+void launchFindMoved(const PointsView& points, const MovedView& moved, const CompetitionView& competition,
+                     std::uint32_t max_touched, cudaStream_t stream);
 /// Adds points that became confident to moved.ids.
 void launchAddCrossed(const PointStateView& points, const MovedView& moved, DeviceList<PointWeight> crossed,
                       cudaStream_t stream);
@@ -57,6 +59,15 @@ void launchNearestOfLeft(const PointsView& points, const MovedView& moved, const
                          cudaStream_t stream);
 /// Sets counters.prepared, the number of moved points with neighbourhoods: `most`, or all if there are fewer.
 void launchNotePrepared(MovedCounters* counters, std::uint32_t most, cudaStream_t stream);
+
+// competition.cu: which points are scored, if not all are.
+
+/// Stores what points compete with. @param touches  whether to note the touched voxels
+void launchAdmitReturns(const CompetitionView& competition, DeviceList<PointDelta> deltas, const std::uint32_t* returns,
+                        bool touches, cudaStream_t stream);
+/// Takes the normals of points that are beside the surface. @param neighbourhoods  [part.count] of the points
+void launchChooseOnSurface(const PointsView& points, const CompetitionView& competition, const PointChunk& part,
+                           FoundNeighbourhood* neighbourhoods, cudaStream_t stream);
 
 // flip_masks.cu: what flips mean for groups of blocks.
 
@@ -110,8 +121,9 @@ struct DueContext {
 };
 /// Stores normals and seen directions of some moved points. @param neighbourhoods  [part.count] in: those; out: what
 /// they were before, of the points that changed  @param changed_bits  out: which these are
+/// @param chooses  whether points may be beside the surface
 void launchStoreNeighbours(const PointsView& points, const PointChunk& part, FoundNeighbourhood* neighbourhoods,
-                           std::uint32_t* changed_bits, cudaStream_t stream);
+                           std::uint32_t* changed_bits, bool chooses, cudaStream_t stream);
 /// Decides what is due at those that changed. @param before  [part.count] from launchStoreNeighbours, like the bits
 void launchDueAfterMoves(const DueContext& context, const PointChunk& part, const FoundNeighbourhood* before,
                          const std::uint32_t* changed_bits, cudaStream_t stream);

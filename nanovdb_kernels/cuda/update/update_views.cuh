@@ -15,6 +15,7 @@
 #include "hostdev/known_slots.h"
 #include "hostdev/neighbour_rule.h"
 #include "hostdev/point_update.h"
+#include "hostdev/surface_choice.h"
 #include "hostdev/views.h"
 #include "launch/exact_updater.h"
 
@@ -118,6 +119,16 @@ struct PointsView {
     return state.mean_L + 3 * static_cast<std::size_t>(id);
   }
 #endif
+};
+
+// CompetitionTables: what decides which points are scored, if not all are.
+
+struct CompetitionView {
+  SurfaceChoice choice;
+  float reach_voxels = 0;                   ///< SurfaceChoice::reachVoxels()
+  float inverse_voxel_size = 0;             ///< VoxelScale::inverse_float32
+  std::uint32_t* returns = nullptr;         ///< [n]
+  std::uint64_t* touched_voxels = nullptr;  ///< [8 blocks] bits as in BoxInLeaf
 };
 
 // MovedTables: points whose neighbourhoods may have changed.

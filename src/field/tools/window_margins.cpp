@@ -41,7 +41,7 @@ WindowMargins windowMargins(const ToolKernel& tool, const FieldParams& resolved)
   }
   margins.returns = voxels(returns_m, resolved) + kRounding;
   margins.neighbours = voxels(neighbourRadius_m(t.voxel_size_m), resolved) + kRounding;
-  const double competitors_voxels = competitorReach_voxels(surfaceChoice(resolved));
+  const double competitors_voxels = surfaceChoice(resolved).reachVoxels();
   margins.neighbours = std::max(margins.neighbours, static_cast<std::int32_t>(std::ceil(competitors_voxels)));
   if (resolved.change.mode == ChangeMode::Full) {
     // Whether anything is left to open around a cell: in the leaves of its shadow, by the cells beside those.

@@ -35,19 +35,16 @@ TEST(FieldRefusals, FewerPointsWhereEveryOneIsScored) {
   FieldParams params;
   params.scoring.point_spacing_m = 0.02;
   const auto refused = [](const FieldParams& given) { return refusalOf([&] { AccessibilityField(pencil(), given); }); };
-  FieldParams cuda = params, full = params, paper = params, profile = FieldParams::paper(0.01);
-  cuda.backend = BackendKind::Cuda;
+  FieldParams full = params, paper = params, profile = FieldParams::paper(0.01);
   full.change.mode = ChangeMode::Full;
   paper.update.policy = UpdatePolicy::Paper;
   profile.scoring.point_spacing_m = 0.02;
-  for (const FieldParams& given : {cuda, full, paper, profile}) EXPECT_EQ(refused(given).id, "config.points");
+  for (const FieldParams& given : {full, paper, profile}) EXPECT_EQ(refused(given).id, "config.points");
   params.scoring.point_spacing_m = 1;
   EXPECT_EQ(refused(params).subject, "point_spacing_m");
   params.scoring.point_spacing_m = 0.001;  // below a voxel
   const AccessibilityField field(pencil(), params);
   EXPECT_EQ(field.params().scoring.point_spacing_m, 0.01);
-  EXPECT_EQ(field.deviceName(), "cpu");
-  EXPECT_EQ(field.deviceNoteId(), "device.points");
 }
 
 /// TBB has a slot for each thread that an arena may have, and 70 000 slots crash it.

@@ -112,6 +112,20 @@ TEST(SurfaceChoice, DoesNotDependOnTheOrder) {
   }
 }
 
+/// As a warp does it: each lane adds up some points, and then compares them with what all of them add up to.
+TEST(SurfaceChoice, CanBeMadeInParts) {
+  std::mt19937_64 random(5);
+  for (int n = 0; n < 300; ++n) {
+    const Column column = randomColumn(random);
+    kernels::WindowReturns parts[3] = {{column.front(), 200}, {column.front(), 200}, {column.front(), 200}};
+    for (std::size_t k = 0; k < column.size(); ++k) parts[k % 3].add(column[k]);
+    kernels::WindowReturns all = {column.front(), 200};
+    for (const kernels::WindowReturns& part : parts) all.returns += part.returns, all.moment += part.moment;
+    const bool nearest = std::ranges::none_of(column, [&](const auto& point) { return all.isNearer(point); });
+    ASSERT_EQ(nearest, nearestToMean(column, 0, 200) == 0);
+  }
+}
+
 /// As many returns as a voxel can have, as far apart as a window can be.
 TEST(SurfaceChoice, SumsDoNotOverflow) {
   constexpr std::int32_t kFarthest = 100 * kernels::kHeightsPerVoxel;
@@ -157,7 +171,20 @@ TEST(SurfaceChoice, BoxHoldsTheWindow) {
     const kernels::CompetingVoxels box(choice, voxel, 1);
     ASSERT_TRUE(box.low[1] <= b && b <= box.high[1]);
     ASSERT_TRUE(box.low[0] <= 5 && 5 <= box.high[0] && box.high[0] - box.low[0] == choice.edge - 1);
+    const std::int32_t same_cell[3] = {box.low[0], b, box.high[2]}, next_cell[3] = {box.high[0] + 1, b, -7};
+    ASSERT_TRUE(box.hold(voxel) && box.hold(same_cell));
+    ASSERT_FALSE(box.hold(next_cell));
   }
+}
+
+/// A point competes as far as the farthest corner of its box, or less.
+TEST(SurfaceChoice, ReachesTheCornersOfTheBox) {
+  const SurfaceChoice choice = SurfaceChoice::of(0.01, 0.03, 0.05);
+  const std::int32_t voxel[3] = {0, 0, 0};
+  const kernels::CompetingVoxels box(choice, voxel, 2);
+  EXPECT_GE(choice.reachVoxels(), std::hypot(box.high[0], box.high[1], box.high[2]));
+  EXPECT_LT(choice.reachVoxels(), 12);
+  EXPECT_EQ(SurfaceChoice().reachVoxels(), 0);
 }
 
 TEST(SurfaceChoice, TakesTheSteepestAxis) {
@@ -178,10 +205,13 @@ TEST(SurfaceChoice, BesideTheSurfaceThereIsNoNormal) {
     kernels::writeBesideSurface(axis, normal);
     EXPECT_TRUE(normal[0] == 0 && normal[1] == 0 && normal[2] == 0);
     EXPECT_EQ(kernels::besideSurfaceAxis(normal), axis);
+    EXPECT_EQ(kernels::competingAxis(normal), axis);
   }
   const float none[3] = {0, 0, 0}, level[3] = {-0.0f, -0.0f, -1};
   EXPECT_EQ(kernels::besideSurfaceAxis(none), -1);
   EXPECT_EQ(kernels::besideSurfaceAxis(level), -1);
+  EXPECT_EQ(kernels::competingAxis(none), -1);
+  EXPECT_EQ(kernels::competingAxis(level), 2);
 }
 
 }  // namespace

@@ -110,7 +110,7 @@ void addPointsOptions(FlagParser& flags, MapOptions& options) {
   flags.option(
       "--points", &options.points,
       "which surface points are scored: all, or surface: one where the surface is, not those that noise has put "
-      "beside it (reason beside_surface); on the CPU");
+      "beside it (reason beside_surface)");
   flags.option(
       "--point-spacing", &options.point_spacing,
       "with --points surface, edge of the cells of which one point each is scored, metres; auto = the voxel or "

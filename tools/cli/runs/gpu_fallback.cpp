@@ -9,7 +9,7 @@ namespace accessvdb::tools {
 void sayWhyNotOnGpu(const AccessibilityField& field, Messages& messages) {
   const std::string id = field.deviceNoteId(), text = "device: cpu, because " + field.deviceNote();
   if (id.empty()) return;
-  if (id == "device.no_driver" || id == "device.not_built" || id == "device.points") {
+  if (id == "device.no_driver" || id == "device.not_built") {
     messages.notice(text);
   } else {
     messages.warning(id, text);
