@@ -103,7 +103,8 @@ class ACCESSVDB_API AccessibilityField {
   /// Scores what changed since the last update().
   UpdateStats update();
   /// The budget of the updates from now on, in place of UpdateParams::budget_points: most points that each scores, for
-  /// each tool; 0: no limit, and the next one scores all that wait. The same calls with the same budgets give the same
+  /// each tool; 0: no limit, and the next one scores all that wait. Points that wait are unscored, with reason
+  /// Confidence, whatever they were before. The same calls with the same budgets give the same
   /// bits on one backend. Not in params() and saved states.
   /// @param points  0 .. 2e9  @throws InvalidArgument "config.range"
   void setBudgetPoints(int points);

@@ -94,8 +94,8 @@ struct LiveOptions {
   std::uint64_t memory_limit_bytes = 0;
   std::size_t update_every = 1;  ///< scans that are fused before the next labels
   /// The longest that a step should take, 1 .. 60000 ms; 0: however long it takes. So many points are scored as fit, by
-  /// how long the steps before took, and others wait, with the labels that they had (docs/live.md, "Scans that come
-  /// faster than labels"). While no scan is ready, each step() scores some of those that wait. Which budgets were
+  /// how long the steps before took, and others wait, unscored until their turn comes (docs/live.md, "Scans that
+  /// come faster than labels"). While no scan is ready, each step() scores some of those that wait. Which budgets were
   /// used is in LiveStep::budget_points: with the same ones, AccessibilityField::setBudgetPoints() gives the same bits.
   double budget_ms = 0;
   /// A map of any extent in bounded memory (RollingField) in place of one field. Its limits are memory_limit_bytes and
@@ -169,7 +169,8 @@ struct LiveStep {
   double latency_ms = 0;               ///< from addScan() to labels
   /// Points that are new, or whose label, reason or direction changed, or which of several tools reach them; in
   /// ascending order of their ids. None after a step without labels: late, or between those of
-  /// LiveOptions::update_every. Of several steps with only_backlog the last one has them, or the next scan's.
+  /// LiveOptions::update_every. Of several steps with only_backlog the last one has those that got their labels, or the
+  /// next scan's.
   std::vector<SurfacePoint> changed;
 };
 
@@ -230,12 +231,13 @@ struct LiveStatus {
 
   // With LiveOptions::budget_ms:
   double budget_ms = 0;
-  std::uint64_t budget_points = 0;  ///< most points that the next scan's update scores
-  std::uint64_t backlog = 0;        ///< points that wait: their labels may be out of date
-  double backlog_ms = 0;            ///< since the scan came that the oldest of them waits for
-  std::uint64_t backlog_max = 0;    ///< the most so far
-  double backlog_max_ms = 0;        ///< the longest that a point has waited so far
-  std::uint64_t backlog_steps = 0;  ///< LiveStep::only_backlog
+  std::uint64_t budget_points = 0;    ///< most points that the next scan's update scores
+  std::uint64_t backlog = 0;          ///< points that wait: unscored until their turn comes
+  std::uint64_t withheld_points = 0;  ///< UpdateStats::withheld_points
+  double backlog_ms = 0;              ///< since the scan came that the oldest of them waits for
+  std::uint64_t backlog_max = 0;      ///< the most so far
+  double backlog_max_ms = 0;          ///< the longest that a point has waited so far
+  std::uint64_t backlog_steps = 0;    ///< LiveStep::only_backlog
 
   /// From addScan() to labels, over the last 4096 scans taken.
   double latency_p50_ms = 0, latency_p99_ms = 0, latency_max_ms = 0;

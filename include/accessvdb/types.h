@@ -62,6 +62,9 @@ struct UpdateStats {
   std::uint64_t moved_points =
       0;  ///< points whose normal and seen directions were computed again; part of dirty_points
   std::uint64_t backlog_updates = 0;  ///< updates, this one included, that have left the first point of the backlog
+  /// Of the backlog, points that were accessible when they were last scored. Like all of it they are unscored until
+  /// their turn comes.
+  std::uint64_t withheld_points = 0;
 };
 
 /// One surface point as users see it.

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "hostdev/point_update.h"
 #include "hostdev/surface_choice.h"
@@ -96,7 +97,9 @@ struct UpdateOutcome {
   std::uint64_t label_changes = 0;
   std::uint64_t waiting = 0;          ///< points that are due but were not evaluated
   std::uint64_t waiting_updates = 0;  ///< QueueAge::updates(), of the tool whose points wait longest
+  std::uint64_t withheld = 0;         ///< those of them whose stored label is accessible
   double score_ms = 0;                ///< time spent evaluating
+  std::vector<std::vector<std::uint32_t>> waiting_ids = {};  ///< which points wait, for each tool
 };
 
 /// Admits points, the same way for every policy.

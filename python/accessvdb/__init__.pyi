@@ -552,6 +552,10 @@ class UpdateStats:
     def backlog_updates(self) -> int:
         """Updates, this one included, that have left the first point of the backlog."""
     @property
+    def withheld_points(self) -> int:
+        """Of the backlog, points that were accessible when they were last scored. Like all of it they are unscored
+        until their turn comes."""
+    @property
     def scored_points(self) -> int: ...
     @property
     def direction_tests(self) -> int: ...

@@ -94,6 +94,7 @@ void bindReports(py::module_& module) {
       .def_readonly("dirty_points", &U::dirty_points)
       .def_readonly("moved_points", &U::moved_points)
       .def_readonly("backlog_updates", &U::backlog_updates)
+      .def_readonly("withheld_points", &U::withheld_points)
       .def_readonly("scored_points", &U::scored_points)
       .def_readonly("direction_tests", &U::direction_tests)
       .def_readonly("backlog", &U::backlog)

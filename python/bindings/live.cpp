@@ -204,6 +204,7 @@ py::dict status(Session& session) {
   all["budget_ms"] = now.budget_ms;
   all["budget_points"] = now.budget_points;
   all["backlog"] = now.backlog;
+  all["withheld_points"] = now.withheld_points;
   all["backlog_ms"] = now.backlog_ms;
   all["backlog_max"] = now.backlog_max;
   all["backlog_max_ms"] = now.backlog_max_ms;

@@ -130,7 +130,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   struct ByClock {
     internal::UpdateBudget of_scans, of_backlog;
     internal::BacklogTimes times = {};
-    std::uint64_t backlog = 0, most = 0, steps = 0;
+    std::uint64_t backlog = 0, withheld = 0, most = 0, steps = 0;
     double longest_ms = 0;
     std::int64_t stamp_ns = 0;  ///< of the latest scan
     std::uint64_t number = 0;
@@ -146,10 +146,16 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     if (oldest) clocked->longest_ms = std::max(clocked->longest_ms, millisecondsBetween(*oldest, Clock::now()));
     clocked->times.note(clocked->arrived, stats.backlog_updates);
     clocked->backlog = stats.backlog;
+    clocked->withheld = stats.withheld_points;
     clocked->most = std::max(clocked->most, stats.backlog);
     return stats;
   }
   UpdateStats update() { return update(clocked ? clocked->of_scans.points() : 0); }
+
+  [[nodiscard]] std::vector<SurfacePoint> takeChanged() {
+    news = false;
+    return map.takeChanged();
+  }
 
   /// Between two scans, or at the end of them.
   LiveStep workOffBacklog() {
@@ -163,8 +169,9 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     unscored = 0;
     ++clocked->steps;
     clocked->of_backlog.took(millisecondsBetween(begin, Clock::now()), step.scored.score_ms, clocked->backlog > 0);
-    // Looking through all points takes time that a scan may need; its step has them, too.
-    if (clocked->backlog == 0) step.changed = map.takeChanged();
+    // Looking through all points takes time that a scan may need; its step has those that got their labels, too. With
+    // news more points may wait, and be unscored.
+    if (news || clocked->backlog == 0) step.changed = takeChanged();
     step.latency_ms = millisecondsBetween(begin, Clock::now());
     return step;
   }
@@ -180,6 +187,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     if (!clocked) return;
     status.budget_points = static_cast<std::uint64_t>(clocked->of_scans.points());
     status.backlog = clocked->backlog;
+    status.withheld_points = clocked->withheld;
     status.backlog_max = clocked->most;
     status.backlog_max_ms = clocked->longest_ms;
     status.backlog_steps = clocked->steps;
@@ -188,6 +196,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 
   /// @param around_W  a position that the map is near to
   void leaveOut(const internal::LostReturns& returns, const Eigen::Vector3d& around_W) {
+    news = news || !returns.empty();
     if (returns.everywhere()) {
       map.leaveOut(std::array<Eigen::Vector3d, 1>{around_W}, internal::kFarthestReturn_m);
     } else if (!returns.empty()) {
@@ -213,6 +222,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   /// A step failed. If the field did not break, it does not know what the scan saw: everything in its range is closed.
   void leaveOutAround(const internal::SensorMotion& motion) {
     try {
+      news = true;
       const double range_m = map.params().tsdf.max_range_m + motion.spread_m(0);
       map.leaveOut(std::array<Eigen::Vector3d, 1>{motion.T_W_S.translation()},
                    std::min(range_m, internal::kFarthestReturn_m));
@@ -243,12 +253,13 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       throw;
     }
     step.left_out_returns = step.fused.left_out_returns;
+    news = true;
     ++unscored;
     if (step.late || unscored < options.update_every) return true;
     step.budget_points = clocked ? clocked->of_scans.points() : map.params().update.budget_points;
     step.scored = update();
     unscored = 0;
-    step.changed = map.takeChanged();
+    step.changed = takeChanged();
     if (clocked) {
       const Clock::time_point now = Clock::now(), oldest = clocked->times.oldest().value_or(now);
       clocked->of_scans.took(millisecondsBetween(step_began, now), step.scored.score_ms, clocked->backlog > 0,
@@ -262,6 +273,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   std::optional<ByClock> clocked = {};  ///< of LiveOptions::budget_ms
   Clock::time_point step_began = {};
   std::size_t unscored = 0;  ///< scans since the last update
+  bool news = false;         ///< the map changed since changed points were last looked for
   bool closed = false;       ///< what the scan saw whose step fails
   internal::LiveAgreement agreement{map.params().tsdf.range_noise_m, options.T_B_S};
 
@@ -335,9 +347,10 @@ void LiveSession::reset() {
   impl.map.reset();
   impl.agreement = internal::LiveAgreement(impl.map.params().tsdf.range_noise_m, impl.options.T_B_S);
   impl.unscored = 0;
+  impl.news = false;
   if (impl.clocked) {
     impl.clocked->times.clear();
-    impl.clocked->backlog = 0;
+    impl.clocked->backlog = impl.clocked->withheld = 0;
   }
   const std::scoped_lock locked(impl.lock);
   impl.tellBacklog();
@@ -352,7 +365,7 @@ LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
   removal.removal = impl_->map.field().removeRegion(region, as);
   static_cast<void>(impl_->update(0));  // everything is asked again: else most of the map would wait, unscored
   impl_->unscored = 0;
-  removal.changed = impl_->map.takeChanged();
+  removal.changed = impl_->takeChanged();
   const std::scoped_lock locked(impl_->lock);
   impl_->tellBacklog();
   return removal;

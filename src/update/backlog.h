@@ -47,6 +47,8 @@ class Backlog {
   }
 
   [[nodiscard]] std::size_t size() const { return queue_.size(); }
+  /// Those that wait, in order.
+  [[nodiscard]] const std::vector<std::uint32_t>& ids() const { return queue_; }
   /// How many calls of take() have left the first point.
   [[nodiscard]] std::uint64_t updates() const { return age_.updates(); }
   [[nodiscard]] std::uint64_t bytes() const { return asked_.bytes() + queue_.capacity() * sizeof(std::uint32_t); }

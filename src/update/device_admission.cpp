@@ -57,6 +57,7 @@ UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
   stats.label_changes = outcome.label_changes;
   stats.backlog = outcome.waiting;
   stats.backlog_updates = outcome.waiting_updates;
+  stats.withheld_points = outcome.withheld;
   stats.score_ms = outcome.score_ms;
   return stats;
 }
@@ -235,6 +236,11 @@ void DeviceAdmission::findCrossed() {
     }
   });
   fresh_.remove(reached_, entries);
+}
+
+void DeviceAdmission::noteWaiting(kernels::UpdateOutcome& outcome) {
+  outcome.waiting_ids.resize(scorers_.size());
+  for (std::size_t k = 0; k < scorers_.size(); ++k) scorers_[k]->setWaiting(std::move(outcome.waiting_ids[k]));
 }
 
 std::uint64_t DeviceAdmission::bytes() const {

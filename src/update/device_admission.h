@@ -66,6 +66,8 @@ class DeviceAdmission {
   /// Call after readWeights(), also concurrently with the backend's update: from then on the new points count as known,
   /// and the update reads neither points nor map on the host.
   void know();
+  /// Call after an update. @param outcome  its waiting_ids are taken
+  void noteWaiting(kernels::UpdateOutcome& outcome);
 
   [[nodiscard]] std::uint64_t bytes() const;
 

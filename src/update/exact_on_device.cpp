@@ -100,7 +100,8 @@ class ExactOnDevice final : public UpdateScheduler {
       releaseMap();  // from here on the next scan may come, and note its flips
     };
     runBeside([&] { updater_->choose(input); }, read_host);
-    const kernels::UpdateOutcome outcome = updater_->update(input, admission_.confidence());
+    kernels::UpdateOutcome outcome = updater_->update(input, admission_.confidence());
+    admission_.noteWaiting(outcome);
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
     return statsOf(outcome);
   }

@@ -25,6 +25,7 @@
 #include "update/host_scheduler.h"
 #include "update/known_directions.h"
 #include "update/make_scheduler.h"
+#include "update/note_waiting.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -72,8 +73,7 @@ class ExactOnHost final : public HostScheduler {
       stats.scored_points += part.stats.scored_points;
       stats.label_changes += part.stats.label_changes;
     }
-    stats.backlog = backlog_.size();
-    stats.backlog_updates = backlog_.updates();
+    noteWaiting(backlog_, scorer_, stats);
     return stats;
   }
 

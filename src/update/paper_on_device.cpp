@@ -50,6 +50,7 @@ class PaperOnDevice final : public UpdateScheduler {
       releaseMap();
     };
     runBeside([&] { outcome = updater_->update(input, admission_.confidence(), triggered); }, leave_host);
+    admission_.noteWaiting(outcome);
     UpdateStats stats = statsOf(outcome);
     stats.moved_points = stats.dirty_points;  // each point's neighbourhood is made when its turn comes
     return stats;

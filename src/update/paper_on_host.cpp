@@ -17,6 +17,7 @@
 #include "update/coarse_to_fine.h"
 #include "update/id_list.h"
 #include "update/make_scheduler.h"
+#include "update/note_waiting.h"
 #include "update/paper_triggers.h"
 
 namespace accessvdb::internal {
@@ -48,8 +49,6 @@ class PaperOnHost final : public UpdateScheduler {
     scorer_.refreshTouched(touched_.take());
     const std::vector<std::uint32_t> work = backlog_.take(budget_points).ids;
     stats.dirty_points = stats.moved_points = work.size();
-    stats.backlog = backlog_.size();
-    stats.backlog_updates = backlog_.updates();
     scorer_.refreshNeighbourhoods(work);
     scorer_.upload(work);
     std::vector<kernels::ScoreItem> items(work.size());
@@ -68,6 +67,7 @@ class PaperOnHost final : public UpdateScheduler {
       stats.scored_points += results[n].tests > 0 ? 1 : 0;
       stats.label_changes += results[n].label != labels_before[n] ? 1 : 0;
     }
+    noteWaiting(backlog_, scorer_, stats);
     stats.score_ms = scoring.milliseconds();
     return stats;
   }

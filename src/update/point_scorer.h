@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/distance_change.h"
@@ -16,6 +17,7 @@
 #include "points/point_store.h"
 #include "points/raw_vector.h"
 #include "update/device_points.h"
+#include "update/waiting_points.h"
 
 namespace accessvdb::internal {
 
@@ -127,6 +129,11 @@ class PointScorer {
   /// Stores what an evaluation left behind. From any thread, also at the same time for other points.
   void store(std::uint32_t id, const kernels::DueOutcome& outcome);
 
+  /// At the end of each update: which points it left waiting.
+  void setWaiting(std::vector<std::uint32_t> ids) { waiting_.set(std::move(ids)); }
+  /// WaitingPoints::marks(): whatever is stored of these points, they are told as unscored.
+  [[nodiscard]] std::span<const std::uint8_t> waiting() const { return waiting_.marks(); }
+
   [[nodiscard]] const PointRecord& record(std::uint32_t id) const { return records_[id]; }
   [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }
   [[nodiscard]] const kernels::SurfaceChoice& choice() const { return search_.choice(); }
@@ -139,7 +146,8 @@ class PointScorer {
   [[nodiscard]] const FieldParams& params() const { return params_; }
   [[nodiscard]] std::uint64_t hostBytes() const {
     return records_.bytes() + wide_seen_.capacity() * sizeof(std::uint64_t) +
-           found_.capacity() * sizeof(Neighbourhood) + inputs_.capacity() * sizeof(kernels::PointInput);
+           found_.capacity() * sizeof(Neighbourhood) + inputs_.capacity() * sizeof(kernels::PointInput) +
+           waiting_.bytes();
   }
 
  private:
@@ -159,6 +167,7 @@ class PointScorer {
   NeighbourhoodSearch search_;
   PointsOnDevice device_;
   ChunkedArray<PointRecord> records_;
+  WaitingPoints waiting_;
   std::vector<std::uint64_t> wide_seen_;  ///< [points x words of a set] if keepsWideSeen()
   // For one refresh; kept, because freshly allocated memory has to be cleared by the system first.
   std::vector<Neighbourhood> found_;

@@ -15,6 +15,7 @@ inline void add(const UpdateStats& part, UpdateStats& all) {
   all.direction_tests += part.direction_tests;
   all.backlog += part.backlog;
   all.backlog_updates = std::max(all.backlog_updates, part.backlog_updates);
+  all.withheld_points += part.withheld_points;
   all.label_changes += part.label_changes;
   all.update_ms += part.update_ms;
   all.score_ms += part.score_ms;

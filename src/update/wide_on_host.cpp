@@ -18,6 +18,7 @@
 #include "update/backlog.h"
 #include "update/host_scheduler.h"
 #include "update/make_scheduler.h"
+#include "update/note_waiting.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -51,8 +52,7 @@ class WideOnHost final : public HostScheduler {
     for (std::size_t first = 0; first < due.size(); first += kPointsAtOnce) {
       evaluate(std::span(due).subspan(first, std::min(kPointsAtOnce, due.size() - first)), tables, stats);
     }
-    stats.backlog = backlog_.size();
-    stats.backlog_updates = backlog_.updates();
+    noteWaiting(backlog_, scorer_, stats);
     stats.score_ms = scoring.milliseconds();
     return stats;
   }

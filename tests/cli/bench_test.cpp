@@ -74,6 +74,7 @@ TEST_F(Bench, ABudgetLeavesABacklog) {
   EXPECT_EQ(bench["budget_points"], 25);
   EXPECT_GT(bench["backlog"]["largest_points"], 100);
   EXPECT_GT(bench["backlog"]["age_at_most_updates"], 1);
+  EXPECT_LT(bench["backlog"]["largest_withheld_points"], bench["backlog"]["largest_points"]);
   EXPECT_LE(bench["per_frame"]["scored_points"]["max"], 25);
   expectRefused({{"--budget-points", "-1"}}, 2, "--budget-points");
 }

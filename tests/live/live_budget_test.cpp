@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <set>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "live/live_stream.h"
@@ -44,6 +45,15 @@ void expectLabelsOfFullEvaluation(const AccessibilityField& field) {
   for (std::size_t n = 0; n < now.points.size(); ++n) ASSERT_EQ(now.points[n].label, scratch.points[n].label) << n;
 }
 
+/// Who only saw what changed takes no point for accessible that the field does not.
+void expectNothingMoreAccessible(const std::vector<SurfacePoint>& shown, const AccessibilityField& field) {
+  const FieldSnapshot now = field.snapshot();
+  for (const SurfacePoint& point : shown) {
+    ASSERT_TRUE(point.label != PointLabel::Accessible || now.points[point.id].label == PointLabel::Accessible)
+        << point.id;
+  }
+}
+
 class LiveBudget : public testing::TestWithParam<double> {};
 
 TEST_P(LiveBudget, SaysWhichBudgetsGiveTheSameBits) {
@@ -56,8 +66,9 @@ TEST_P(LiveBudget, SaysWhichBudgetsGiveTheSameBits) {
     LiveSession session(test::armTool(), coarseParams(), options);
     Fed fed{AccessibilityField(test::armTool(), coarseParams())};
     std::vector<SurfacePoint> shown;
-    std::size_t backlog_steps = 0, without_update = 0;
+    std::size_t backlog_steps = 0, without_update = 0, withheld = 0;
     std::set<int> budgets;
+    bool fused = false;  // and not updated yet
     const auto stepAndCompare = [&] {
       const auto step = session.step();
       if (!step) return false;
@@ -67,6 +78,7 @@ TEST_P(LiveBudget, SaysWhichBudgetsGiveTheSameBits) {
         if (point.id >= shown.size()) shown.resize(point.id + 1);
         shown[point.id] = point;
       }
+      expectNothingMoreAccessible(shown, session.field());
       backlog_steps += step->only_backlog ? 1 : 0;
       without_update += step->budget_points ? 0 : 1;
       if (step->budget_points) budgets.insert(*step->budget_points);
@@ -75,9 +87,12 @@ TEST_P(LiveBudget, SaysWhichBudgetsGiveTheSameBits) {
       EXPECT_GE(status.backlog_max, status.backlog);
       EXPECT_EQ(status.backlog_ms > 0, status.backlog > 0);
       EXPECT_EQ(status.backlog_steps, backlog_steps);
-      if (step->only_backlog && step->scored.backlog > 0) {
+      const bool fused_before = std::exchange(fused, !step->budget_points);
+      if (step->only_backlog && !fused_before && step->scored.backlog > 0) {
         EXPECT_TRUE(step->changed.empty());
       }
+      EXPECT_EQ(status.withheld_points, step->budget_points ? step->scored.withheld_points : status.withheld_points);
+      withheld += status.withheld_points;
       return true;
     };
     for (std::size_t n = 0; n < scans.size() && !HasFatalFailure(); ++n) {
@@ -100,6 +115,8 @@ TEST_P(LiveBudget, SaysWhichBudgetsGiveTheSameBits) {
     EXPECT_GT(backlog_steps, 5U);
     EXPECT_GT(session.status().backlog_max, 500U);
     EXPECT_GT(session.status().backlog_max_ms, 0);
+    EXPECT_GT(withheld, 100U);
+    EXPECT_EQ(session.status().withheld_points, 0U);
     EXPECT_GT(*budgets.begin(), 0);
     // At the end nothing waits, and who only ever saw what changed knows every label.
     EXPECT_EQ(session.status().backlog, 0U);

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 // The exact policy with a budget on the GPU. The device marks more points as due than the CPU, so different ones wait;
-// but at any time only waiting points can be wrong, and once none waits, the field equals a full evaluation.
+// but at any time only waiting points differ from a full evaluation, in that they are unscored.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -10,6 +10,7 @@
 #include "parity/gpu_test.h"
 #include "parity/parity_walk.h"
 #include "support/determinism_support.h"
+#include "support/waiting_points.h"
 #include "support/walk_generator.h"
 
 namespace accessvdb::test {
@@ -66,7 +67,8 @@ TEST_P(CudaBudget, OnlyDelays) {
   AccessibilityField field(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cuda));
   ASSERT_EQ(field.deviceName().rfind("cuda:", 0), 0u) << field.deviceName();
   const auto budget = static_cast<std::uint64_t>(c.budget_points);
-  std::uint64_t most_waiting = 0, most_out_of_date = 0;
+  WaitingModel model(true);
+  std::uint64_t most_waiting = 0, most_out_of_date = 0, most_withheld = 0;
   const auto update = [&](bool after_a_scan) {
     const UpdateStats stats = field.update();
     EXPECT_LE(stats.scored_points, budget);
@@ -75,8 +77,12 @@ TEST_P(CudaBudget, OnlyDelays) {
     }
     const std::uint64_t out_of_date = outOfDate(field);
     EXPECT_LE(out_of_date, stats.backlog);
+    const WaitingModel::Found found = model.compare(field.snapshot(), field.evaluateFromScratch());
+    EXPECT_EQ(found.waiting, stats.backlog);
+    EXPECT_EQ(found.withheld, stats.withheld_points);
     most_waiting = std::max(most_waiting, stats.backlog);
     most_out_of_date = std::max(most_out_of_date, out_of_date);
+    most_withheld = std::max(most_withheld, found.withheld);
     return stats.backlog;
   };
   for (int frame = 0; frame < c.frames; ++frame) {
@@ -88,6 +94,7 @@ TEST_P(CudaBudget, OnlyDelays) {
   }
   EXPECT_GT(most_waiting, 2 * budget);
   EXPECT_GT(most_out_of_date, budget / 2);  // otherwise the bound above would prove nothing
+  EXPECT_GT(most_withheld, c.frames > 5 ? 20u : 0u);
   std::uint64_t waiting = 1;
   for (int turn = 0; turn < 1000 && waiting > 0; ++turn) {
     const std::uint64_t before = waiting;
@@ -196,6 +203,33 @@ INSTANTIATE_TEST_SUITE_P(
                                .frames = 8,
                                .max_collisions = 3,
                                .form = ToolForm::SurfaceSamples}));
+
+/// Streams of the CPU's test, also for several tools, wide sets and the paper's policy.
+class CudaWaiting : public GpuTest, public testing::WithParamInterface<WaitingCase> {};
+
+TEST_P(CudaWaiting, PointsAreUnscoredAndTheOthersAsOnTheCpuWithoutABudget) {
+  const auto backend = kernels::makeCudaBackend();  // only for memory
+  const auto viewOf = [&](const AccessibilityField& field) {
+    const DevicePoints points = field.deviceView().points;
+    ToldArrays told;
+    const auto fetch = [&](auto& to, const auto* from) {
+      to.resize(points.count);
+      backend->download(to.data(), from, to.size() * sizeof to[0]);
+    };
+    fetch(told.label, points.label);
+    fetch(told.reason, points.reason);
+    fetch(told.score, points.score);
+    fetch(told.direction, points.direction);
+    return told;
+  };
+  for (std::uint64_t seed = 1; seed <= 2 && !HasFailure(); ++seed) {
+    SCOPED_TRACE(seed);
+    expectOnlyWithheld(GetParam(), seed, BackendKind::Cuda, viewOf);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Streams, CudaWaiting, testing::ValuesIn(waitingCases()),
+                         [](const auto& info) { return std::string(info.param.name); });
 
 /// More points than are processed at a time.
 class CudaManyPoints : public GpuTest {

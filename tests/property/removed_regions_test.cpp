@@ -285,7 +285,7 @@ TEST(RemovedRegions, RefuseWhatIsNoRegion) {
   EXPECT_EQ(idOf([&] { in_tile.removeRegion(all[0]); }), "region.unsupported");
 }
 
-/// Points that a budget left over keep an old label: a what-if would say that they open.
+/// What is stored of points that a budget left over is old: a what-if would say that they open.
 TEST(RemovedRegions, WhatIfWaitsForTheBacklog) {
   const std::vector<Region> part = {Region::box({1.4, 0.3, 0.2}, {1.7, 0.7, 1.8})};
   for (const bool async : {false, true}) {

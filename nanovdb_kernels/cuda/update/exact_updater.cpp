@@ -4,6 +4,7 @@
 /// hostdev/. Points, neighbourhoods, flips by place and the map's busy parts are the same for all tools of the updater;
 /// what each tool makes of them is its own (tool_update.h).
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 #include "cuda/memory/cuda_check.h"
@@ -118,6 +119,9 @@ class DeviceExactUpdater final : public ExactUpdater {
       outcome.waiting += tool->waiting();
       outcome.waiting_updates = std::max(outcome.waiting_updates, tool->waitingUpdates());
       outcome.score_ms += tool->takeScore_ms();
+      WorkQueue::Left left = tool->left();
+      outcome.withheld += left.accessible;
+      outcome.waiting_ids.push_back(std::move(left.ids));
     }
     any_known_ = any_known_ || moved > 0;
     last_moved_ = moved;

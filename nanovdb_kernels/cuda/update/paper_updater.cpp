@@ -65,6 +65,9 @@ class DevicePaperUpdater final : public PaperUpdater {
     outcome.label_changes = done.outcome.label_changes;
     outcome.waiting = queue_.size();
     outcome.waiting_updates = age_.updates();
+    WorkQueue::Left left = queue_.left(input.tools.front().points.label, stream());
+    outcome.withheld = left.accessible;
+    outcome.waiting_ids.push_back(std::move(left.ids));
     return outcome;
   }
 

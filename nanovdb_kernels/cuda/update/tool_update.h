@@ -61,6 +61,8 @@ class ToolUpdate {
   void evaluate();
 
   [[nodiscard]] std::uint32_t waiting() const { return queue_.size(); }
+  /// Which points wait. After evaluate().
+  [[nodiscard]] WorkQueue::Left left() { return queue_.left(setting_.points.points.label, stream()); }
   [[nodiscard]] std::uint64_t waitingUpdates() const { return age_.updates(); }
   /// Time spent evaluating since the last call.
   [[nodiscard]] double takeScore_ms();

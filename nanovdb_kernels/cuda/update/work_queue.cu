@@ -33,6 +33,13 @@ __global__ void setWaiting(std::uint8_t* flags, const std::uint32_t* ids, std::u
   flag = static_cast<std::uint8_t>((flag & ~kAsked) | kWaiting);
 }
 
+__global__ void countAccessible(const PointLabel* label, const std::uint32_t* ids, std::uint32_t count,
+                                std::uint32_t* accessible) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  const unsigned all = __ballot_sync(~0u, n < count && label[ids[n]] == PointLabel::Accessible);
+  if (threadIdx.x % 32 == 0 && all != 0) atomicAdd(accessible, static_cast<std::uint32_t>(__popc(all)));
+}
+
 }  // namespace
 
 WorkQueue::WorkQueue(DeviceMemory& memory) : memory_(memory), selected_(memory, 1) {
@@ -85,6 +92,22 @@ void WorkQueue::drop(std::uint32_t count, cudaStream_t stream) {
     std::swap(ids_, rest_);
   }
   size_ = left;
+}
+
+WorkQueue::Left WorkQueue::left(const PointLabel* label, cudaStream_t stream) {
+  Left left;
+  if (size_ == 0) return left;
+  left.ids.resize(size_);
+  fillBytes(selected_.data(), 0, sizeof(std::uint32_t), stream);
+  countAccessible<<<(size_ + kThreads - 1) / kThreads, kThreads, 0, stream>>>(label, ids(), size_, selected_.data());
+  checkLaunch("countAccessible");
+  ACCESSVDB_CUDA(cudaMemcpyAsync(selected_on_host_.data(), selected_.data(), sizeof(std::uint32_t),
+                                 cudaMemcpyDeviceToHost, stream));
+  ACCESSVDB_CUDA(
+      cudaMemcpyAsync(left.ids.data(), ids(), size_ * sizeof(std::uint32_t), cudaMemcpyDeviceToHost, stream));
+  ACCESSVDB_CUDA(cudaStreamSynchronize(stream));
+  std::memcpy(&left.accessible, selected_on_host_.data(), sizeof(left.accessible));
+  return left;
 }
 
 }  // namespace accessvdb::kernels

@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "cuda/memory/pinned_buffer.h"
 #include "cuda/update/update_views.cuh"
@@ -38,6 +39,12 @@ class WorkQueue {
   [[nodiscard]] std::uint32_t* ids() const { return ids_.data(); }
   /// Removes the first `count` points.
   void drop(std::uint32_t count, cudaStream_t stream);
+  /// Those that wait, in queue order, and how many of them are accessible by `label` ([points]). Waits for the device.
+  struct Left {
+    std::vector<std::uint32_t> ids;
+    std::uint32_t accessible = 0;
+  };
+  [[nodiscard]] Left left(const PointLabel* label, cudaStream_t stream);
 
  private:
   template <typename Input>

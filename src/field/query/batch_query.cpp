@@ -8,7 +8,6 @@
 #include <string>
 
 #include "accessvdb/error.h"
-#include "field/left_out_points.h"
 #include "field/query/batch_query_impl.h"
 #include "field/tools/tool_heading.h"
 
@@ -16,18 +15,10 @@ namespace accessvdb {
 namespace internal {
 
 HostPointState::HostPointState(kernels::Backend& backend, const kernels::PointStateView& view, std::uint32_t count,
-                               bool on_host, std::span<const std::uint8_t> withheld)
+                               bool on_host, const Withheld& withheld)
     : score(view.score), direction(view.direction), label(view.label), reason(view.reason), size(count) {
   if (size == 0) return;
-  if (on_host) {
-    if (!anyWithheld(withheld)) return;
-    label_copy.assign(label, label + size);
-    reason_copy.assign(reason, reason + size);
-    markWithheld(withheld, label_copy, reason_copy);
-    label = label_copy.data();
-    reason = reason_copy.data();
-    return;
-  }
+  if (on_host && !withheld.any()) return;
   const auto fetch = [&](auto& copy, auto*& from) {
     copy.resize(size);
     backend.download(copy.data(), from, size * sizeof(copy[0]));
@@ -37,20 +28,7 @@ HostPointState::HostPointState(kernels::Backend& backend, const kernels::PointSt
   fetch(direction_copy, direction);
   fetch(label_copy, label);
   fetch(reason_copy, reason);
-  markWithheld(withheld, label_copy, reason_copy);
-}
-
-bool anyWithheld(std::span<const std::uint8_t> withheld) {
-  return std::ranges::any_of(withheld, [](std::uint8_t why) { return why != 0; });
-}
-
-void markWithheld(std::span<const std::uint8_t> withheld, std::span<PointLabel> labels,
-                  std::span<PointReason> reasons) {
-  for (std::size_t id = 0; id < std::min(withheld.size(), labels.size()); ++id) {
-    if (withheld[id] == 0) continue;
-    labels[id] = PointLabel::Unscored;
-    reasons[id] = reasonOf(withheld[id]);
-  }
+  ToldPoints{label_copy, reason_copy, score_copy, direction_copy}.withhold(withheld);
 }
 
 std::vector<Eigen::Vector3f> directionVectors(const ApproachParams& resolved) {

@@ -42,7 +42,7 @@ BatchQuery FieldViews::query(const ViewInputs& parts, tbb::task_arena& arena) {
   impl->source.index = &index_;
   const kernels::PointStateView state = arena.execute([&] { return stateOf(parts); });
   impl->source.state = std::make_shared<const HostPointState>(parts.backend, state, parts.scorer().device().size(),
-                                                              onHost(parts.backend), parts.withheld);
+                                                              onHost(parts.backend), parts.withheld());
   for (const ViewedTool& tool : parts.tools) {
     const auto more = directionVectors(tool.scorer.params().approach);
     impl->source.directions.insert(impl->source.directions.end(), more.begin(), more.end());
@@ -58,22 +58,23 @@ BatchQuery FieldViews::query(const ViewInputs& parts, tbb::task_arena& arena) {
 }
 
 /// The view gets labels of its own: the backend keeps those that it found, which it compares with later.
-void FieldViews::withhold(const ViewInputs& parts, DeviceView& view) {
-  const std::size_t count = view.points.count;
-  labels_.resize(count);
-  reasons_.resize(count);
-  parts.backend.download(labels_.data(), view.points.label, count * sizeof(PointLabel));
-  parts.backend.download(reasons_.data(), view.points.reason, count * sizeof(PointReason));
-  markWithheld(parts.withheld, labels_, reasons_);
-  view.points.label = labels_.data();
-  view.points.reason = reasons_.data();
+void FieldViews::withhold(const ViewInputs& parts, const kernels::PointStateView& state, DeviceView& view) {
+  const std::uint32_t count = view.points.count;
+  told_.emplace(parts.backend, state, count, onHost(parts.backend), parts.withheld());
+  view.points.label = told_->label;
+  view.points.reason = told_->reason;
+  view.points.score = told_->score;
+  view.points.direction = told_->direction;
   if (onHost(parts.backend)) return;
-  device_labels_.grow(parts.backend, count, 0);
-  device_reasons_.grow(parts.backend, count, 0);
-  device_labels_.upload(labels_.data(), count);
-  device_reasons_.upload(reasons_.data(), count);
-  view.points.label = device_labels_.data();
-  view.points.reason = device_reasons_.data();
+  const auto send = [&](auto& array, const auto*& values) {
+    array.grow(parts.backend, count, 0);
+    array.upload(values, count);
+    values = array.data();
+  };
+  send(device_labels_, view.points.label);
+  send(device_reasons_, view.points.reason);
+  send(device_scores_, view.points.score);
+  send(device_directions_, view.points.direction);
 }
 
 DeviceView FieldViews::view(const ViewInputs& parts, bool on_gpu) {
@@ -95,7 +96,7 @@ DeviceView FieldViews::view(const ViewInputs& parts, bool on_gpu) {
                  state.score,      state.direction, state.weight,
                  state.label,      state.reason,    parts.scorer().device().size(),
                  state.roll};
-  if (anyWithheld(parts.withheld)) withhold(parts, view);
+  if (parts.withheld().any()) withhold(parts, state, view);
   view.direction_xy = parts.approach.direction_xy;
   view.axes_xyz = parts.approach.axes_xyz;
   view.num_directions = parts.approach.num_directions;

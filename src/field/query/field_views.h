@@ -7,12 +7,14 @@
 
 #include <atomic>
 #include <memory>
+#include <optional>
 
 #include "accessvdb/batch_query.h"
 #include "accessvdb/device_view.h"
 #include "field/query/merged_tools.h"
 #include "field/query/query_index.h"
 #include "field/query/query_source.h"
+#include "field/query/withheld.h"
 #include "launch/device_array.h"
 #include "update/point_scorer.h"
 
@@ -27,10 +29,14 @@ struct ViewInputs {
   kernels::ApproachView approach;   ///< in the backend's memory
   Eigen::Vector3d origin_W;
   std::vector<ViewedTool> tools;
-  std::span<const std::uint8_t> withheld = {};  ///< by id, see LeftOutPoints
+  std::span<const std::uint8_t> withheld_for_all = {};  ///< Withheld::for_all
 
   /// Its scorer has what does not depend on the tool.
   [[nodiscard]] const PointScorer& scorer() const { return tools.front().scorer; }
+  /// What a state of the one tool, or of all tools merged, still says. MergedTools has seen to what waits.
+  [[nodiscard]] Withheld withheld() const {
+    return {withheld_for_all, tools.size() == 1 ? scorer().waiting() : std::span<const std::uint8_t>()};
+  }
 };
 
 /// One per field; one thread at a time.
@@ -62,12 +68,13 @@ class FieldViews {
   std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
   std::unique_ptr<const MergedTools> merged_;
   std::uint64_t merged_revision_ = 0;
-  void withhold(const ViewInputs& parts, DeviceView& view);
+  void withhold(const ViewInputs& parts, const kernels::PointStateView& state, DeviceView& view);
 
-  std::vector<PointLabel> labels_;  ///< of the last view, if points are withheld
-  std::vector<PointReason> reasons_;
-  kernels::DeviceArray<PointLabel> device_labels_;  ///< the same where the view is on a GPU
+  std::optional<HostPointState> told_;  ///< of the last view, if points are withheld
+  // The same where the view is on a GPU.
+  kernels::DeviceArray<PointLabel> device_labels_;
   kernels::DeviceArray<PointReason> device_reasons_;
+  kernels::DeviceArray<std::uint16_t> device_scores_, device_directions_;
 };
 
 }  // namespace accessvdb::internal

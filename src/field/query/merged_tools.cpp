@@ -9,6 +9,7 @@
 #include <array>
 
 #include "accessvdb/tool_spec.h"
+#include "field/query/withheld.h"
 #include "field/tools/best_tool.h"
 
 namespace accessvdb::internal {
@@ -21,7 +22,8 @@ struct ToolState {
   std::vector<PointReason> reason;
   std::vector<std::uint8_t> roll;  ///< 0 if the tool does not roll
 
-  ToolState(kernels::Backend& backend, const kernels::PointStateView& view, std::size_t size) {
+  ToolState(kernels::Backend& backend, const PointScorer& scorer, std::size_t size) {
+    const kernels::PointStateView view = scorer.device().view();
     const auto fetch = [&](auto& to, const auto* from) {
       to.resize(size);
       if (size > 0) backend.download(to.data(), from, size * sizeof(to[0]));
@@ -31,6 +33,7 @@ struct ToolState {
     fetch(stability, view.stability);
     fetch(label, view.label);
     fetch(reason, view.reason);
+    ToldPoints{label, reason, score, direction}.withhold({{}, scorer.waiting()});
     if (view.roll != nullptr) {
       fetch(roll, view.roll);
     } else {
@@ -62,7 +65,7 @@ MergedTools::MergedTools(kernels::Backend& backend, std::span<const ViewedTool> 
   std::vector<int> first_direction;
   std::vector<float> axes;
   for (const ViewedTool& tool : tools) {
-    states.emplace_back(backend, tool.scorer.device().view(), size);
+    states.emplace_back(backend, tool.scorer, size);
     first_direction.push_back(num_directions_);
     num_directions_ += tool.approach.num_directions;
     const std::vector<float> more = axesOf(tool.approach);

@@ -13,12 +13,14 @@
 #include "accessvdb/batch_query.h"
 #include "accessvdb/params.h"
 #include "field/query/query_index.h"
+#include "field/query/withheld.h"
 #include "launch/backend.h"
 #include "tsdf/packed_map.h"
 
 namespace accessvdb::internal {
 
-/// State of the points in host memory: the backend's own arrays if it works there, else copies.
+/// State of the points in host memory: the backend's own arrays if it works there and all of it may be told, else
+/// copies.
 struct HostPointState {
   const std::uint16_t* score = nullptr;
   const std::uint16_t* direction = nullptr;
@@ -29,14 +31,10 @@ struct HostPointState {
   std::vector<PointLabel> label_copy;
   std::vector<PointReason> reason_copy;
 
-  /// @param on_host  the view's arrays can be read here  @param withheld  by id, see LeftOutPoints
+  /// @param on_host  the view's arrays can be read here
   HostPointState(kernels::Backend& backend, const kernels::PointStateView& view, std::uint32_t count, bool on_host,
-                 std::span<const std::uint8_t> withheld);
+                 const Withheld& withheld);
 };
-
-/// Points that are withheld are unscored, whatever was found when they were last scored. @param withheld  by id
-[[nodiscard]] bool anyWithheld(std::span<const std::uint8_t> withheld);
-void markWithheld(std::span<const std::uint8_t> withheld, std::span<PointLabel> labels, std::span<PointReason> reasons);
 
 /// Everything that a query reads; it all stays in place until the field next changes.
 struct QuerySource {

@@ -13,6 +13,7 @@
 
 #include "accessvdb/survey_frame.h"
 #include "field/left_out_points.h"
+#include "field/query/withheld.h"
 #include "field/tools/tool_heading.h"
 
 namespace accessvdb::internal {
@@ -43,6 +44,7 @@ struct HostState {
     fetch(normal_L, view.normal_L, 3);
     fetch(label, view.label, 1);
     fetch(reason, view.reason, 1);
+    ToldPoints{label, reason, score, direction, begin}.withhold({{}, scorer.waiting()});
     if (view.roll != nullptr) fetch(roll, view.roll, 1);
   }
 };

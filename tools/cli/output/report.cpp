@@ -101,6 +101,7 @@ Json jsonLive(const LiveReport& live) {
     json["budget"] = {{"ms", status.budget_ms},
                       {"points", status.budget_points},
                       {"backlog", status.backlog},
+                      {"withheld", status.withheld_points},
                       {"backlog_ms", status.backlog_ms},
                       {"backlog_max", status.backlog_max},
                       {"backlog_max_ms", status.backlog_max_ms},

@@ -118,8 +118,8 @@ std::string LiveWords::progressInWords(const LiveStatus& status, const LiveInput
                      " points, latency " + numberText(std::round(status.latency_p50_ms)) + " ms, p99 " +
                      numberText(std::round(status.latency_p99_ms)) + " ms";
   if (status.backlog > 0)
-    text += "; " + std::to_string(status.backlog) + " points wait, the oldest for " +
-            numberText(std::round(status.backlog_ms)) + " ms";
+    text += "; " + std::to_string(status.backlog) + " points wait, " + std::to_string(status.withheld_points) +
+            " of them accessible before, the oldest for " + numberText(std::round(status.backlog_ms)) + " ms";
   if (clouds.senders == 0) text += "; nobody publishes " + options_.cloud;
   if (poses.senders == 0) text += "; nobody publishes " + options_.odom;
   if (status.waits_for_level) {

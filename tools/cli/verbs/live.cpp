@@ -291,10 +291,10 @@ void LiveRun::obey(LiveSession& session, dds::Participant& participant, ScanLog&
   if (commands_.hasNews()) publishStatus(session, participant);
 }
 
-/// Of points that are written with the labels that they had.
+/// Of points that are written without a label.
 std::string waitingInWords(const LiveStatus& status) {
   if (status.backlog == 0) return "";
-  return "; " + std::to_string(status.backlog) + " wait, with the labels of before";
+  return "; " + std::to_string(status.backlog) + " wait, unscored until then";
 }
 
 /// @return what was done, in words  @throws Refused, Error for what could not be done; nothing has changed then

@@ -117,19 +117,21 @@ Json BenchRecord::counters(std::size_t last) const {
 }
 
 Json BenchRecord::backlog(std::size_t last) const {
-  std::uint64_t largest = 0, in_a_row = 0, longest = 0;
+  std::uint64_t largest = 0, in_a_row = 0, longest = 0, withheld = 0;
   double percent = 0;
   for (std::size_t n = 0; n < frames_.size(); ++n) {
     const std::uint64_t left = frames_[n].update.backlog, points = frames_[n].integration.surface_points;
     in_a_row = left > 0 ? in_a_row + 1 : 0;  // counted from the first frame: it may begin before the timed part
     if (n + last < frames_.size()) continue;
     largest = std::max(largest, left);
+    withheld = std::max(withheld, frames_[n].update.withheld_points);
     longest = std::max(longest, in_a_row);
     if (points > 0) percent = std::max(percent, 100 * static_cast<double>(left) / static_cast<double>(points));
   }
   return {{"largest_points", largest},
           {"largest_percent_of_points", percent},
           {"at_end_points", frames_.empty() ? 0 : frames_.back().update.backlog},
+          {"largest_withheld_points", withheld},
           {"age_at_most_updates", longest}};
 }
 
