@@ -7,13 +7,11 @@
 #include <filesystem>
 #include <limits>
 #include <optional>
-#include <set>
 #include <string>
 #include <tuple>
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "accessvdb/program/path_facts.h"
 #include "accessvdb/rolling_field.h"
 #include "options/tools_given.h"
 #include "output/json_text.h"
@@ -21,6 +19,7 @@
 #include "output/run_summary.h"
 #include "output/stop_signal.h"
 #include "runs/checkpoint.h"
+#include "runs/hashed_inputs.h"
 #include "runs/memory_check.h"
 #include "runs/progress_json.h"
 #include "runs/reading_losses.h"
@@ -57,12 +56,12 @@ class RollingRun {
         report_(report),
         messages_(messages),
         params_(sources.params),
-        checkpoint_every_s_(parseDuration_s("--checkpoint-every", options_.checkpoint_every)) {
+        checkpoint_every_s_(parseDuration_s("--checkpoint-every", options_.checkpoint_every)),
+        hashed_(report.inputs) {
     params_.carry.clear();            // what points.las has of first returns
     params_.mirror_distance = false;  // only for kernels of this process
     reading_ = readingOf(options_);
     if (sources.scans.deskews()) reading_["deskewed"] = "true";
-    for (const io::InputFile& input : report.inputs) hashed_.insert(input.path);
   }
 
   int run() {
@@ -122,10 +121,7 @@ class RollingRun {
     now.scans = scans_;
     return now;
   }
-  void hash(const std::string& path) {
-    if (!io::isFile(path) || !hashed_.insert(path).second) return;
-    scans_.push_back({path, io::sha256OfFile(path)});
-  }
+  void hash(const std::string& path) { hashed_.add(path, scans_); }
 
   /// Reads the scans that the field has already: they have to be the same ones. @return their number
   std::size_t readResumed(const RollingField& field) {
@@ -232,7 +228,7 @@ class RollingRun {
   ReadingLosses losses_;
   RollingWords words_{options_.rolling, messages_};
   std::vector<io::InputFile> scans_;
-  std::set<std::string> hashed_;
+  HashedInputs hashed_;  ///< beside the scans, what the report has
   RollingSource source_;  ///< without what only the end knows
   bool said_failed_ = false;
   /// Of the process, as the run began: what the machine can give falls as the map grows.
