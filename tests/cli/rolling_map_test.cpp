@@ -124,6 +124,7 @@ TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {
   };
   expect(resumed({"--knn", "9"}), 4, "rolling.changed");
   expect(resumed({"--every", "2"}), 4, "state.params");
+  expect(resumed({"--level", "2,0"}), 4, "level was \"\" and is now \"2,0\"");
   const std::string scan = contentOf(folder_ / "scans/000002.pcd");
   std::ofstream(folder_ / "scans/000002.pcd", std::ios::binary) << contentOf(folder_ / "scans/000001.pcd");
   expect(resumed({}), 4, "state.scans");

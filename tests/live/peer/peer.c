@@ -6,7 +6,7 @@
  *
  *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [large=N] [listen=PREFIX] [wait_s=S]
  *             [pose_stamps=FILE] [poses=0|1] [odometry=FILE] [times=0|1] [livox=0|1] [frame=NAME] [child=NAME]
- *             [static_tf=FILE]
+ *             [world=NAME] [static_tf=FILE]
  *
  * STREAM: for each scan int64 stamp_ns, 3 doubles, 4 doubles x y z w, uint32 n, n x 3 floats; little-endian.
  * rate=0: as fast as it can. die=N: it is killed after N scans.
@@ -16,7 +16,7 @@
  * scans. poses=0: clouds alone. odometry: instead, int64 stamp_ns, 3 doubles, 4 doubles x y z w, for each pose: all up
  * to the end of a scan come before it. times=1: after its points, a scan of STREAM has n x uint32, when each was
  * measured in ns since its stamp. livox=1: clouds are sent as CustomMsg. frame, child: of clouds and odometry, both
- * "body". Prints "published N" at the end. */
+ * "body"; world: what the odometry is in, "odom". Prints "published N" at the end. */
 #include <dds/dds.h>
 #include <inttypes.h>
 #include <signal.h>
@@ -78,11 +78,11 @@ static void setStamp(std_msgs_msg_dds__Header_* header, int64_t stamp_ns) {
 }
 
 /* pose: x y z, qx qy qz qw */
-static void sendPose(dds_entity_t odometry, int64_t stamp_ns, const double* pose, char* child) {
+static void sendPose(dds_entity_t odometry, int64_t stamp_ns, const double* pose, char* world, char* child) {
   Odometry odom;
   memset(&odom, 0, sizeof odom);
   setStamp(&odom.header, stamp_ns);
-  odom.header.frame_id = "odom";
+  odom.header.frame_id = world;
   odom.child_frame_id = child;
   odom.pose.pose.position.x = pose[0];
   odom.pose.pose.position.y = pose[1];
@@ -105,9 +105,9 @@ static void readPose(struct PoseFile* poses) {
   poses->has_next = fread(&poses->stamp_ns, sizeof poses->stamp_ns, 1, poses->file) == 1 &&
                     fread(poses->pose, sizeof(double), 7, poses->file) == 7;
 }
-static void sendPosesUntil(struct PoseFile* poses, int64_t end_ns, dds_entity_t odometry, char* child) {
+static void sendPosesUntil(struct PoseFile* poses, int64_t end_ns, dds_entity_t odometry, char* world, char* child) {
   for (; poses->has_next && poses->stamp_ns <= end_ns; readPose(poses))
-    sendPose(odometry, poses->stamp_ns, poses->pose, child);
+    sendPose(odometry, poses->stamp_ns, poses->pose, world, child);
 }
 
 static void sendTransforms(dds_entity_t writer, const char* path) {
@@ -242,6 +242,7 @@ int main(int argc, char** argv) {
   const int with_times = argument(argc, argv, "times", 0) > 0, livox = argument(argc, argv, "livox", 0) > 0;
   char* const frame = (char*)(word(argc, argv, "frame") != NULL ? word(argc, argv, "frame") : "body");
   char* const child = (char*)(word(argc, argv, "child") != NULL ? word(argc, argv, "child") : "body");
+  char* const world = (char*)(word(argc, argv, "world") != NULL ? word(argc, argv, "world") : "odom");
   struct PoseFile poses = {NULL, 0, {0}, 0};
   if (word(argc, argv, "odometry") != NULL) {
     if ((poses.file = fopen(word(argc, argv, "odometry"), "rb")) == NULL) {
@@ -353,8 +354,8 @@ int main(int argc, char** argv) {
     if (with_times) need(fread(times_ns, 4, points, stream), points);
     if (number >= first) {
       if (rate > 0) waitUntil(start + (dds_time_t)(1e9 * (double)published / rate), &ears);
-      if (with_poses) sendPose(odometry, pose_stamp_ns, pose, child);
-      if (poses.file != NULL) sendPosesUntil(&poses, stamp_ns + 110000000, odometry, child);
+      if (with_poses) sendPose(odometry, pose_stamp_ns, pose, world, child);
+      if (poses.file != NULL) sendPosesUntil(&poses, stamp_ns + 110000000, odometry, world, child);
       Cloud cloud;
       memset(&cloud, 0, sizeof cloud);
       setStamp(&cloud.header, stamp_ns);
@@ -395,7 +396,7 @@ int main(int argc, char** argv) {
     free(xyz);
     free(times_ns);
   }
-  if (poses.file != NULL) sendPosesUntil(&poses, INT64_MAX, odometry, child);
+  if (poses.file != NULL) sendPosesUntil(&poses, INT64_MAX, odometry, world, child);
   if (argument(argc, argv, "reliable", 1) > 0) {
     check(dds_wait_for_acks(odometry, DDS_SECS(60)), "odometry did not arrive");
     check(dds_wait_for_acks(clouds, DDS_SECS(60)), "clouds did not arrive");
