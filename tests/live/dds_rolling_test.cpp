@@ -127,6 +127,26 @@ TEST_F(LiveRollingDds, GoesOnAfterItsCheckpointAndAnswersCommands) {
       << elsewhere.err;
 }
 
+/// Restarted in flight, where nothing rests: up is what the IMU felt when the map was begun.
+TEST_F(LiveRollingDds, WhatIsLevelIsNotMeasuredAgain) {
+  simulate(16);
+  const std::vector<std::string> level = {"--level", "imu", "--imu", "/imu"};
+  const ProgramResult first = live({peer("rate=10 imu=1")}, rolling(level));
+  EXPECT_EQ(first.exit_code, 128 + SIGINT) << first.err;
+  expectPeersEndedWell();
+  EXPECT_EQ(report_["counts"]["scans"], 16) << first.err;
+  const std::size_t points = merged().points.size();
+  EXPECT_GT(points, 100U);
+
+  fs::rename(path("out"), path("first"));
+  std::vector<std::string> again = level;
+  again.insert(again.end(), {"--resume", path("tiles")});
+  const ProgramResult second = live({peer("rate=4 count=4")}, rolling(again));
+  EXPECT_EQ(second.exit_code, 128 + SIGINT) << second.err;
+  EXPECT_EQ(report_["counts"]["scans"], 20) << second.err;
+  EXPECT_EQ(merged().points.size(), points) << "the same scans have come again";
+}
+
 TEST_F(LiveRollingDds, WhatDoesNotGoTogetherIsRefused) {
   const auto refusal = [&](std::vector<std::string> more) {
     std::vector<std::string> arguments = {"live",      "--cloud",        "/a",  "--odom", "/b", "--out",
