@@ -8,8 +8,6 @@
 #include <optional>
 #include <utility>
 
-#include "field/field_access.h"
-
 namespace accessvdb::tiles {
 namespace {
 

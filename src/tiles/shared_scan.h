@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "accessvdb/types.h"
-#include "change/gone_cells.h"
+#include "field/field_access.h"
 #include "field/scan_gate.h"
 #include "tiles/ray_shard.h"
 #include "tiles/ray_sorter.h"
