@@ -306,6 +306,9 @@ class ACCESSVDB_API LiveSession {
   [[nodiscard]] Eigen::Vector3d origin_W() const;  ///< of the local frame of the map
   /// What turns the frame of the poses into that of the map; nothing as long as it is the same, or not known yet.
   [[nodiscard]] std::optional<Eigen::Matrix3d> levelling() const;
+  /// Of a map that goes on (LiveOptions::resume): what levelling() was when it was made. The IMU is not asked again,
+  /// which would find another up, and nothing in flight. Before the first scan.
+  void setLevelling(const Eigen::Matrix3d& R_L_W);
   /// Whether the scans agree, of the latest ones that were compared (accessvdb/program/scan_agreement.h).
   [[nodiscard]] io::ScanAgreement agreement() const;
 

@@ -174,6 +174,9 @@ class ACCESSVDB_API ScanSequence {
 
 /// Lower-case hexadecimal SHA-256 of a file. @throws InputError
 [[nodiscard]] ACCESSVDB_API std::string sha256OfFile(const std::filesystem::path& path);
+/// The same of what a field gets of scans, to the bit: returns, and whence and when they were taken.
+/// @param before  the result for those before; empty for the first one
+[[nodiscard]] ACCESSVDB_API std::string sha256OfScans(const std::string& before, const ScanRecord& next);
 
 /// Query positions from a text file, one "x y z" or "x,y,z" per line. @throws InputError naming the line
 [[nodiscard]] ACCESSVDB_API std::vector<Eigen::Vector3d> readPositions(const std::filesystem::path& path);

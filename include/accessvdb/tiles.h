@@ -171,6 +171,9 @@ ACCESSVDB_API Binned bin(const Job& job, std::span<io::ScanSequence* const> flig
                          const BinLimits& limits = {});
 /// What an earlier bin() did; nothing if it was not finished.
 [[nodiscard]] ACCESSVDB_API std::optional<Binned> binned(const std::filesystem::path& out, const Plan& plan);
+/// Whether what run() reads is there: not after removeRays(), nor where the tiles are those of a RollingField, nor
+/// where a later bin() was not finished. @param rays  of a finished bin()
+[[nodiscard]] ACCESSVDB_API bool hasRays(const Job& job, const Binned& rays);
 /// Deletes the rays once no tile needs them. What is known about them stays.
 ACCESSVDB_API void removeRays(const std::filesystem::path& out);
 
@@ -199,7 +202,8 @@ struct Tile {
 /// @param which  one of Binned::returns_of or, but with ChangeMode::Full, a part of it
 /// @return the finished tiles: one, or those of the quarters; fewer if `stop` ended it
 /// @throws InvalidArgument "usage.tile"; ResourceLimit "limit.memory" if even the smallest would not fit; InputError
-///         "rays.missing", "rays.damaged"; OutputError
+///         "rays.missing", "rays.damaged"; UnusableInput "plan.changed" if the folder has another plan by the end,
+///         before the tile takes its place; OutputError
 ACCESSVDB_API std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                                     const Watch& watch = {});
 

@@ -45,7 +45,11 @@ void LiveLevel::measure(const PoseOfImu& T_W_I) {
     if (!first_ns || sample.stamp_ns - *first_ns > kRest_ns) continue;
     if (const auto T = T_W_I(sample.stamp_ns)) force_W.push_back(T->linear() * sample.force);
   }
-  R_L_W_ = io::levellingOf(force_W, "the IMU");
+  set(io::levellingOf(force_W, "the IMU"));
+}
+
+void LiveLevel::set(const Eigen::Matrix3d& R_L_W) {
+  R_L_W_ = R_L_W;
   waits_ = false;
   samples_ = {};
 }

@@ -21,6 +21,8 @@ class LiveLevel {
   explicit LiveLevel(const std::optional<io::Level>& wanted);
 
   void add(const LiveImu& imu);
+  /// As it was found before: nothing is measured.
+  void set(const Eigen::Matrix3d& R_L_W);
   /// Whether nothing is turned, or it is known by how much.
   [[nodiscard]] bool isKnown() const { return !waits_; }
   /// From the frame of the poses to the level one; nothing where nothing is turned.

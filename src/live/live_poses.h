@@ -56,6 +56,10 @@ class LivePoses {
   /// @throws UnusableInput "level.no_imu", "level.moving"
   void findLevel();
   [[nodiscard]] const LiveLevel& level() const { return level_; }
+  void setLevelling(const Eigen::Matrix3d& R_L_W) {
+    level_.set(R_L_W);
+    level_is_due_.reset();
+  }
   /// No more will come. A later add() takes it back.
   void end() { ended_ = true; }
   [[nodiscard]] bool isEnd() const { return ended_; }

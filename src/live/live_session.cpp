@@ -476,6 +476,11 @@ std::optional<Eigen::Matrix3d> LiveSession::levelling() const {
   return impl_->waiting.poses().level().R_L_W();
 }
 
+void LiveSession::setLevelling(const Eigen::Matrix3d& R_L_W) {
+  const std::scoped_lock locked(impl_->lock);
+  impl_->waiting.poses().setLevelling(R_L_W);
+}
+
 const AccessibilityField& LiveSession::field() const { return impl_->map.field(); }
 RollingField* LiveSession::rolling() { return impl_->map.rolling(); }
 const FieldParams& LiveSession::params() const { return impl_->map.params(); }

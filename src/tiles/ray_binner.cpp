@@ -139,6 +139,10 @@ std::uint64_t endOfWhole(const fs::path& out, const Plan& plan) {
 
 }  // namespace
 
+bool hasRays(const Job& job, const Binned& rays) {
+  return goesSideBySide(job.params) ? hasFused(job, rays.inputs) : missingShards(job.out, job.plan).empty();
+}
+
 Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch, const BinLimits& limits) {
   if (flights.size() != job.plan.flights.size()) {
     throw InvalidArgument("usage.flights", "bin", "needs the scans of each flight of the plan");

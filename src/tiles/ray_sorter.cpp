@@ -8,9 +8,6 @@
 namespace accessvdb::tiles {
 namespace {
 
-/// Rays are walked leaf by leaf, and a leaf at the margin is looked at as a whole; one voxel is for rounding.
-constexpr double kLeafAndRounding_voxels = 9;
-
 struct PartOfRay {
   double low, high;
 };
@@ -25,7 +22,7 @@ PartOfRay partWithin(double from, double to, double low, double high) {
 }  // namespace
 
 RaySorter::RaySorter(std::int32_t tile_voxels, std::int32_t margin_voxels, double voxel_size_m)
-    : tile_voxels_(tile_voxels), margin_voxels_(margin_voxels + kLeafAndRounding_voxels), voxel_size_m_(voxel_size_m) {}
+    : tile_voxels_(tile_voxels), margin_voxels_(margin_voxels), voxel_size_m_(voxel_size_m) {}
 
 std::span<const TileIndex> RaySorter::sort(const internal::GatedScan& scan, const Wanted& is_wanted) {
   rays_of_.clear();

@@ -18,7 +18,9 @@ namespace accessvdb::tiles {
 
 class RaySorter {
  public:
-  /// @param margin_voxels  a tile needs the rays that come this near to its core
+  /// @param margin_voxels  of returns. Rays may open what has to be exact, and where returns within tau of that lie,
+  ///                       which decides on their votes: that is nearer to the core by more than tau
+  ///                       (WindowMargins::returns)
   RaySorter(std::int32_t tile_voxels, std::int32_t margin_voxels, double voxel_size_m);
 
   using Wanted = std::function<bool(const TileIndex& tile)>;

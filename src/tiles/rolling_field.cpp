@@ -3,7 +3,6 @@
 #include "accessvdb/rolling_field.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <exception>
 #include <iomanip>
@@ -13,11 +12,8 @@
 #include <sstream>
 #include <utility>
 
-#include "accessvdb/config.h"
 #include "accessvdb/error.h"
-#include "accessvdb/field_io.h"
 #include "accessvdb/program/memory_prediction.h"
-#include "accessvdb/program/path_facts.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tiles.h"
 #include "accessvdb/tool_tables.h"
@@ -29,15 +25,15 @@
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
 #include "tiles/folder_in_use.h"
-#include "tiles/ray_files.h"
 #include "tiles/ray_sorter.h"
 #include "tiles/rolling_manifest.h"
+#include "tiles/rolling_result.h"
+#include "tiles/rolling_start.h"
 #include "tiles/rolling_tiles.h"
 #include "tiles/sensor_course.h"
+#include "tiles/shared_scan.h"
 #include "tiles/step_sorter.h"
-#include "tiles/tile_files.h"
 #include "tiles/tile_grid.h"
-#include "tiles/tile_writer.h"
 #include "update/update_stats_sum.h"
 
 namespace accessvdb {
@@ -47,55 +43,6 @@ namespace fs = std::filesystem;
 using internal::FieldAccess;
 using tiles::RollingTile;
 using tiles::TileIndex;
-
-constexpr std::int32_t kLargestTile_voxels = 1 << 16;
-
-void requireRolling(const FieldParams& params, const RollingOptions& options, const tiles::TileMargins& margins) {
-  const auto refuse = [](const std::string& problem, const std::string& advice) {
-    throw InvalidArgument("rolling.params", "params", problem, advice);
-  };
-  if (params.window) refuse("have a window, but a rolling field makes its own tiles", "Leave it out");
-  if (params.update.budget_points > 0) refuse("have a budget, which is shared among all points", "Leave it out");
-  if (params.update.policy == UpdatePolicy::Paper) refuse("have the paper's policy", "Use UpdatePolicy::Exact");
-  if (params.tsdf.region == UpdateRegion::Projective) refuse("have projective fusion", "Use another UpdateRegion");
-  const std::int32_t edge = options.tile_voxels;
-  const bool power = edge >= FieldWindow::kEdge && (edge & (edge - 1)) == 0 && edge <= kLargestTile_voxels;
-  if (edge != 0 && (!power || edge < margins.least_tile_voxels)) {
-    throw InvalidArgument("rolling.tile", "tile_voxels",
-                          "must be a power of two from " + std::to_string(margins.least_tile_voxels) + " to " +
-                              std::to_string(kLargestTile_voxels) + " with this tool",
-                          "Leave it at 0 for the rule");
-  }
-}
-
-/// What the process has left for tiles: the rest is itself without any, and a step of scans. 0 = no limit
-std::uint64_t tileLimit(const RollingOptions& options) {
-  const std::uint64_t limit = options.process_limit_bytes;
-  if (limit == 0) return options.memory_limit_bytes;
-  constexpr std::uint64_t kForSteps = std::uint64_t{64} << 20, kLeastForTiles = std::uint64_t{16} << 20;
-  const std::uint64_t used = residentMemoryBytes() + kForSteps;
-  const auto megabytes = [](std::uint64_t bytes) { return std::to_string(bytes >> 20); };
-  if (limit < used + kLeastForTiles) {
-    throw ResourceLimit(
-        "limit.memory", "process_limit_bytes",
-        megabytes(limit) + " MiB leave nothing for tiles: without any the program takes " + megabytes(used) + " MiB",
-        "Use process_limit_bytes " + std::to_string(((used + 2 * kLeastForTiles) >> 20) + 1) + "M or more");
-  }
-  const std::uint64_t rest = limit - used;
-  return options.memory_limit_bytes > 0 ? std::min(rest, options.memory_limit_bytes) : rest;
-}
-
-/// What is advised elsewhere is for the folder of the result.
-void prepareFolder(const fs::path& folder) {
-  try {
-    io::prepareOutputFolder(folder);
-  } catch (const OutputError& error) {
-    throw OutputError(
-        error.id(), error.subject(), error.problem(),
-        std::string(error.id() == "output.locked" ? "Wait for its end" : "Check its permissions and the disk") +
-            ", or choose another folder for the tiles");
-  }
-}
 
 void add(const FrameStats& of_tile, FrameStats& stats) {
   stats.touched_leaves += of_tile.touched_leaves;
@@ -110,18 +57,6 @@ void add(const FrameStats& of_tile, FrameStats& stats) {
 
 }  // namespace
 
-/// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of
-/// tiles with edge e, the ones that a scan of range R touches hold about (2 R + e)^2 (1 + 2 m / e)^2, least at
-/// e = 2 sqrt(m R).
-std::int32_t tiles::edgeSideBySide(const TileMargins& margins, const FieldParams& params) {
-  constexpr double kUsualRange_m = 30;
-  const double range_m = std::min(params.tsdf.max_range_m, kUsualRange_m);
-  const double wanted = 2 * std::sqrt(margins.returns_voxels * range_m / params.tsdf.voxel_size_m);
-  std::int32_t edge = margins.least_tile_voxels;
-  while (edge < wanted && edge < kLargestTile_voxels) edge *= 2;
-  return edge;
-}
-
 struct ACCESSVDB_PRIVATE RollingField::Impl {
   /// @param resumed  whether the folder is that of an earlier field
   Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
@@ -129,7 +64,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       : tools(namedTools(std::move(given_tools))),
         params(toolParams(tools.front(), given).resolved()),
         options(std::move(given_options)),
-        memory_limit_bytes(tileLimit(options)),
+        memory_limit_bytes(tiles::tileLimit(options)),
         tables(std::make_unique<internal::SharedTables>()),
         margins(tiles::marginsFrom(tables->makeAll(tools, given, progress))),
         tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : tiles::edgeSideBySide(margins, params)),
@@ -138,9 +73,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         ray_sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         tiles(tools, given, std::move(tables), options.folder, {memory_limit_bytes, options.device_limit_bytes},
               tile_voxels, options.notes_changes) {
-    requireRolling(params, options, margins);
+    tiles::requireRolling(params, options, margins);
     if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
-    prepareFolder(options.folder);
+    tiles::prepareRollingFolder(options.folder);
     in_use = tiles::FolderInUse(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
     if (std::isfinite(params.change.free_for_s)) generations.emplace(params.change.free_for_s);
@@ -174,14 +109,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
                         "Start a new field");
   }
 
-  /// A tile that a scan touches.
-  struct TouchedTile {
-    TileIndex id;
-    RollingTile* tile;  ///< null if it does not fit
-    bool has_returns;   ///< else only rays come near it, with ChangeMode::Full
-    bool is_new;
-  };
-  using Touched = std::vector<TouchedTile>;
+  using Touched = std::vector<tiles::TouchedTile>;
   /// Before anything changes: tiles leave and come.
   Touched prepare(const internal::GatedScan& scan) {
     requireWhole();
@@ -228,7 +156,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       age_s = generations->ageAfter(passed_s);
     }
     memory_short = false;
-    for (const TouchedTile& each : touched) {
+    for (const tiles::TouchedTile& each : touched) {
       if (each.tile != nullptr) continue;
       noteShort(each.id, scan);
       if (takesEvidence() && !each.is_new) tiles.leaveOutRays(each.id, ray_sorter.raysOf(each.id, scan));
@@ -239,7 +167,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     }
     std::vector<Fresh> fresh;
     if (takesEvidence() && !scan.p_L.empty()) {
-      fuseSideBySide(scan, touched, stamp_s, fresh, stats);
+      fuseTogether(scan, touched, stamp_s, fresh, stats);
       ++scans;
     } else {
       for (const auto& [id, tile, has_returns, is_new] : touched) {
@@ -302,83 +230,26 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     std::uint32_t id;
   };
 
-  /// With ChangeMode::Full. What a cell is judged by may lie in other tiles, and what opens depends on verdicts there,
-  /// so the tiles go through the scan together; each judges the cells of its core.
-  void fuseSideBySide(const internal::GatedScan& scan, const Touched& touched, double stamp_s,
-                      std::vector<Fresh>& fresh, FrameStats& stats) {
-    std::vector<const TouchedTile*> here;
-    for (const TouchedTile& each : touched) {
-      if (each.tile != nullptr) here.push_back(&each);
+  void fuseTogether(const internal::GatedScan& scan, const Touched& touched, double stamp_s, std::vector<Fresh>& fresh,
+                    FrameStats& stats) {
+    Touched here;
+    std::ranges::copy_if(touched, std::back_inserter(here), [](const auto& each) { return each.tile != nullptr; });
+    for (const tiles::TouchedTile& each : here) {
+      if (each.has_returns) tiles.noteChange(each.id, *each.tile);
     }
-    const auto forEach = [&here](const auto& visit) {
-      for (const TouchedTile* each : here) {
-        FieldAccess::visitGoneCells(each->tile->field, [&](internal::GoneCells& cells) { visit(*each, cells); });
-      }
-    };
-    forEach([this](const TouchedTile&, internal::GoneCells& cells) { cells.catchUp(scans); });
-    const int shift = std::countr_zero(static_cast<std::uint32_t>(tile_voxels));
-    const auto verdictOf = [&](const internal::Index3& cell) -> std::optional<internal::Verdict> {
-      const internal::Index3 voxel = internal::voxelOfCell(cell);
-      const TileIndex id = {voxel[0] >> shift, voxel[1] >> shift};
-      const auto owner = std::find_if(here.begin(), here.end(), [&id](const auto* each) { return each->id == id; });
-      if (owner == here.end()) return std::nullopt;
-      std::optional<internal::Verdict> verdict;
-      FieldAccess::visitGoneCells((*owner)->tile->field,
-                                  [&](const internal::GoneCells& cells) { verdict = cells.verdictAt(voxel); });
-      return verdict;
-    };
-    forEach([&](const TouchedTile&, internal::GoneCells& cells) { cells.followOthers(verdictOf); });
-
-    for (const TouchedTile* each : here) {
-      if (each->has_returns) tiles.noteChange(each->id, *each->tile);
-      if (FieldAccess::agesUntil(each->tile->field, age_s)) each->tile->behind = true;
-      FieldAccess::Returns returns = {{}, scan.q_L};
-      if (each->has_returns) {
-        const tiles::StepSorter::Returns sorted = sorter.returnsOf(each->id, scan);
-        returns = {sorted.p_L, sorted.q_L, sorted.attributes};
-      }
-      FieldAccess::beginScan(each->tile->field, returns, ray_sorter.raysOf(each->id, scan), stamp_s);
-    }
-    std::vector<internal::Index3> gone;
-    forEach([&gone](const TouchedTile&, const internal::GoneCells& cells) {
-      const std::vector<internal::Index3> judged = cells.judged();
-      gone.insert(gone.end(), judged.begin(), judged.end());
-    });
-    forEach([&gone](const TouchedTile&, internal::GoneCells& cells) { cells.noteGone(gone); });
-    std::vector<internal::OpenedLeaf> opened;
-    forEach([&opened](const TouchedTile&, internal::GoneCells& cells) {
-      const std::vector<internal::OpenedLeaf> of_tile = cells.endScan();
-      opened.insert(opened.end(), of_tile.begin(), of_tile.end());
-    });
-    for (const TouchedTile* each : here) {
-      const std::vector<internal::OpenedLeaf> near = nearTo(each->id, opened);
-      const FrameStats of_tile = FieldAccess::endScan(each->tile->field, near);
-      bool has_changed = !near.empty();
-      FieldAccess::visitGoneCells(each->tile->field, [&has_changed](internal::GoneCells& cells) {
-        has_changed = cells.takeChanged() || has_changed;
-      });
-      if (each->has_returns) {
-        noteFused(each->id, *each->tile, scan, of_tile, fresh, stats);
-      } else if (has_changed) {
-        tiles.noteChange(each->id, *each->tile);
-        each->tile->behind = true;
-        measure(*each->tile);
+    const std::vector<tiles::SharedScan::OfTile> fused =
+        tiles::SharedScan(scan, {stamp_s, scans, age_s}, here, sorter, ray_sorter)
+            .fuse(tile_voxels, margins.returns_voxels);
+    for (std::size_t n = 0; n < here.size(); ++n) {
+      const tiles::TouchedTile& each = here[n];
+      if (each.has_returns) {
+        noteFused(each.id, *each.tile, scan, fused[n].stats, fresh, stats);
+      } else if (fused[n].has_changed) {
+        tiles.noteChange(each.id, *each.tile);
+        each.tile->behind = true;
+        measure(*each.tile);
       }
     }
-  }
-  [[nodiscard]] std::vector<internal::OpenedLeaf> nearTo(const TileIndex& id,
-                                                         const std::vector<internal::OpenedLeaf>& opened) const {
-    constexpr std::int32_t kLeafEdge = 8;
-    internal::VoxelColumnBox box = internal::coreOf(tiles::TileId{id.first, id.second, {}}.window(tile_voxels));
-    for (std::size_t axis = 0; axis < 2; ++axis) {
-      box.low[axis] -= margins.returns_voxels + kLeafEdge;
-      box.high[axis] += margins.returns_voxels + kLeafEdge;
-    }
-    std::vector<internal::OpenedLeaf> near;
-    std::ranges::copy_if(opened, std::back_inserter(near), [&box](const internal::OpenedLeaf& leaf) {
-      return box.contains({kLeafEdge * leaf.leaf[0], kLeafEdge * leaf.leaf[1], kLeafEdge * leaf.leaf[2]});
-    });
-    return near;
   }
 
   void noteFused(const TileIndex& id, RollingTile& tile, const internal::GatedScan& scan, const FrameStats& of_tile,
@@ -504,33 +375,6 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       points.back().id = tile.ids[points.back().id];
     }
     return points;
-  }
-
-  [[nodiscard]] tiles::Plan plan(const RollingSource& source) const {
-    tiles::Plan plan;
-    plan.program = ACCESSVDB_VERSION;
-    plan.parameters = describeTools(tools, params) + source.parameters;
-    plan.frame = source.frame;
-    for (const ToolSpec& tool : tools) plan.tool_name += (plan.tool_name.empty() ? "" : ", ") + tool.name;
-    if (tools.size() == 1) plan.tool_name = tools.front().tool.name();
-    plan.tool_sha256 = toolListSha256(tools);
-    const Eigen::Vector3d& origin_W = gate.origin_W();
-    plan.origin_W = {origin_W.x(), origin_W.y(), origin_W.z()};
-    plan.voxel_size_m = params.tsdf.voxel_size_m;
-    plan.tile_voxels = tile_voxels;
-    plan.margin_voxels = margins.returns_voxels;
-    tiles::Flight flight = source.flight;
-    flight.stamps_s.clear();
-    for (const double stamp_s : stamps_s) flight.stamps_s.push_back(std::isfinite(stamp_s) ? stamp_s : 0);
-    plan.flights.push_back(std::move(flight));
-    return identified(std::move(plan));
-  }
-
-  /// Whether a folder holds the result of the same steps.
-  static bool isOf(const tiles::Plan& plan, const fs::path& out) {
-    const tiles::Plan there = tiles::readPlan(out);
-    return there.id() == plan.id() && there.flights.size() == 1 &&
-           there.flights.front().stamps_s == plan.flights.front().stamps_s;
   }
 
   [[nodiscard]] tiles::MadeWith madeWith() const { return {tools, params, tile_voxels}; }
@@ -770,78 +614,27 @@ const FieldParams& RollingField::params() const { return impl_->params; }
 const std::vector<ToolSpec>& RollingField::tools() const { return impl_->tools; }
 Eigen::Vector3d RollingField::origin_W() const { return impl_->gate.origin_W(); }
 
-namespace {
-
-/// Of the field's own folder: write() deletes what an earlier call has left in these two.
-void requireApart(const fs::path& folder, const fs::path& out) {
-  for (const char* const name : {"rays", "tiles"}) {
-    std::error_code error;
-    const fs::path within =
-        fs::weakly_canonical(folder, error).lexically_relative(fs::weakly_canonical(out / name, error));
-    if (within.empty() || *within.begin() == "..") continue;
-    throw OutputError("output.foreign", out.string(), "holds the folder of this very field", "Choose another folder");
-  }
-}
-
-}  // namespace
-
 std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::WriteOptions& files,
                                              const RollingSource& source) {
   io::checkWriteOptions(files);
-  tiles::requireOwnFolders(out);
-  requireApart(impl_->options.folder, out);
-  const tiles::Plan plan = impl_->plan(source);
-  // One that was killed just before its end may be repeated.
-  if (tiles::hasPlan(out) && !Impl::isOf(plan, out)) {
-    throw OutputError("output.foreign", out.string(), "holds the tiles of another run", "Choose another folder");
-  }
-  // Whatever an earlier call has left of it may be of other scans, or damaged.
-  tiles::removePlan(out);
+  const Eigen::Vector3d& origin_W = impl_->gate.origin_W();
+  const tiles::RollingResult result({impl_->madeWith(),
+                                     {origin_W.x(), origin_W.y(), origin_W.z()},
+                                     impl_->margins.returns_voxels,
+                                     impl_->first_ids,
+                                     impl_->stamps_s,
+                                     impl_->taken},
+                                    source, out, impl_->options.folder);
+  result.removeEarlier();
   // A tile is copied while it is written.
   if (impl_->options.process_limit_bytes > 0) impl_->tiles.tighten(impl_->own_share / 2);
   try {
     update();
   } catch (const OutputError&) {  // a tile that cannot leave is still here
   }
-  io::prepareOutputFolder(out);
-  tiles::removeAttempts(out);
-  tiles::Status status;
-  for (const TileIndex& index : impl_->tiles.all()) {
-    impl_->tiles.visit(index, [&](const RollingTile& tile) {
-      const kernels::Stopwatch watch;
-      tiles::Tile written;
-      written.id = {index.first, index.second, {}};
-      written.returns = tile.returns;
-      tiles::AttemptFolder folder(out, written.id, tiles::AttemptFolder::Leftovers::AreGone);
-      const auto step_of = [&](std::uint32_t id) {
-        const auto after = std::upper_bound(impl_->first_ids.begin(), impl_->first_ids.end(), tile.ids[id]);
-        return static_cast<std::uint32_t>(after - impl_->first_ids.begin()) - 1;
-      };
-      tiles::writeTileFiles(tile.field, folder.path(), files, step_of, written);
-      written.seconds = watch.milliseconds() / 1000;
-      written.peak_bytes = peakMemoryBytes();
-      tiles::writeTile(folder.path(), plan, written);
-      folder.putInPlace(plan, {written.id, written.returns, 1});
-      status.done.push_back(std::move(written));
-    });
-  }
-  tiles::Binned rays;
-  rays.complete = true;
-  rays.steps = impl_->first_ids.size();
-  rays.points_in = impl_->taken.points_in;
-  rays.points_used = impl_->taken.points_used;
-  rays.dropped = impl_->taken.dropped;
-  rays.inputs = source.inputs;
-  rays.truncated_points = source.truncated_points;
-  for (const tiles::Tile& tile : status.done) {
-    rays.returns_of.push_back({tile.id, tile.returns, 1});
-    rays.returns_stored += tile.returns;
-  }
-  tiles::writeBinned(out, plan, rays);
-  tiles::writeIndex(out, plan, status);
-  tiles::writePlan(out, plan);  // last: until then nobody takes it for whole
+  std::vector<tiles::Tile> done = result.write(impl_->tiles, files);
   impl_->tighten();
-  return std::move(status.done);
+  return done;
 }
 
 }  // namespace accessvdb

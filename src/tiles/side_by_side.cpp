@@ -107,20 +107,6 @@ bool hasTakenAll(const RollingManifest& manifest, const Plan& plan, const Inputs
   return steps == plan.steps() && noteFrom(manifest.note, steps, plan, before);
 }
 
-/// @param before  of a finished bin()
-bool isWhole(const Job& job, const Inputs& before) {
-  try {
-    const RollingManifest manifest = manifestOf(job);
-    if (!hasTakenAll(manifest, job.plan, before)) return false;
-    return std::ranges::all_of(manifest.tiles, [&](const Json& tile) {
-      const RollingFiles files = filesOf(job, tile);
-      return io::isFile(files.state) && io::isFile(files.ids);
-    });
-  } catch (const InputError&) {
-    return false;
-  }
-}
-
 /// One pass over all scans.
 class SideBySide {
  public:
@@ -255,11 +241,24 @@ class SideBySide {
 
 bool goesSideBySide(const FieldParams& params) { return params.change.mode == ChangeMode::Full; }
 
+bool hasFused(const Job& job, const std::vector<io::InputFile>& inputs) {
+  try {
+    const RollingManifest manifest = manifestOf(job);
+    if (!hasTakenAll(manifest, job.plan, inputs)) return false;
+    return std::ranges::all_of(manifest.tiles, [&](const Json& tile) {
+      const RollingFiles files = filesOf(job, tile);
+      return io::isFile(files.state) && io::isFile(files.ids);
+    });
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 Binned passSideBySide(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch,
                       const BinLimits& limits) {
   const auto done = binned(job.out, job.plan);
   const Inputs before = done ? done->inputs : Inputs();
-  if (done && isWhole(job, before)) return *done;
+  if (done && hasFused(job, before)) return *done;
   Binned result;
   {
     SideBySide pass(job, flights, watch, limits, before);

@@ -22,6 +22,9 @@ namespace accessvdb::tiles {
 [[nodiscard]] Binned passSideBySide(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch,
                                     const BinLimits& limits);
 
+/// hasRays(). @param inputs  Binned::inputs
+[[nodiscard]] bool hasFused(const Job& job, const std::vector<io::InputFile>& inputs);
+
 /// A tile that has taken all scans, without labels.
 struct FusedTile {
   std::unique_ptr<internal::SharedTables> tables;

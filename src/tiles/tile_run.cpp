@@ -90,11 +90,19 @@ class TileRun {
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakMemoryBytes();
     writeTile(folder.path(), job_.plan, tile_);
+    requireSamePlan();
     folder.putInPlace(job_.plan, run_.whole);
     return tile_;
   }
 
  private:
+  /// A run takes its time: a tile of a newer plan may be there by now.
+  void requireSamePlan() const {
+    if (hasPlan(job_.out) && readPlan(job_.out).id() == job_.plan.id()) return;
+    throw UnusableInput("plan.changed", job_.out.string(),
+                        "has another plan than when tile " + tile_.id.name() + " was begun, so that tile is not kept",
+                        "Run accessvdb tile bin and tile run again");
+  }
   void requireFit(double bytes) const {
     if (run_.limits.memory_bytes > 0 && bytes > static_cast<double>(run_.limits.memory_bytes)) throw DoesNotFit{};
   }

@@ -4,14 +4,18 @@
 /// with a row per 100 m. Options by environment: ACCESSVDB_BENCH_METRES (400; the way out and back together),
 /// ACCESSVDB_BENCH_VOXEL_MM (50), ACCESSVDB_BENCH_LIMIT_MB (2000; 0 = none), ACCESSVDB_BENCH_RANGE_M (30),
 /// ACCESSVDB_BENCH_FULL (0; 1 = --change full), ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 =
-/// all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw), TMPDIR for where tiles go.
+/// all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw), ACCESSVDB_BENCH_RESUME_EVERY_M (0 = never; otherwise the field is saved
+/// and closed after so many metres, opened again from its folder and goes on), TMPDIR for where tiles go.
 #include <stdlib.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/rolling_field.h"
@@ -76,6 +80,47 @@ double at(std::vector<double> values, double share) {
   return values[std::min(values.size() - 1, static_cast<std::size_t>(share * static_cast<double>(values.size())))];
 }
 
+/// A field that is stopped now and then and resumed from its folder: what it counts goes on.
+class ResumedField {
+ public:
+  ResumedField(const ToolSpec& tool, const FieldParams& params, const RollingOptions& options)
+      : tools_{tool}, params_(params), options_(options), field_(std::in_place, tools_, params, options) {}
+  RollingField* operator->() { return &*field_; }
+  void resume() {
+    const Moment start = Moment::now();
+    field_->checkpoint();
+    const RollingStatus status = field_->status();
+    saved_ += status.saved;
+    loaded_ += status.loaded;
+    field_.reset();
+    field_.emplace(RollingField::resume(tools_, params_, options_));
+    ++resumed_;
+    resumed_ms_ += Moment::now().clock_ms - start.clock_ms;
+  }
+  [[nodiscard]] RollingStatus status() const {
+    RollingStatus status = field_->status();
+    status.saved += saved_;
+    status.loaded += loaded_;
+    return status;
+  }
+  /// Since the last call.
+  [[nodiscard]] std::string takeResumed() {
+    const int times = std::exchange(resumed_, 0);
+    const double ms = std::exchange(resumed_ms_, 0);
+    if (times == 0) return {};
+    return "  resumed " + std::to_string(times) + " x, " + std::to_string(std::lround(ms / times)) + " ms each";
+  }
+
+ private:
+  std::vector<ToolSpec> tools_;
+  FieldParams params_;
+  RollingOptions options_;
+  std::optional<RollingField> field_;
+  std::uint64_t saved_ = 0, loaded_ = 0;  ///< by those before
+  int resumed_ = 0;
+  double resumed_ms_ = 0;
+};
+
 int run() {
   std::string folder = (fs::temp_directory_path() / "accessvdb_rolling_XXXXXX").string();
   if (::mkdtemp(folder.data()) == nullptr) return 1;
@@ -97,7 +142,7 @@ int run() {
   const int sphere_deg = environment("ACCESSVDB_BENCH_SPHERE_DEG", 0);
   const OrientationSet orientations = sphere_deg > 0 ? OrientationSet::sphere(sphere_deg) : OrientationSet::yaw();
   const Moment making = Moment::now();
-  RollingField field({{ToolGeometry::builtin("builtin:pruner"), orientations}}, params, options);
+  ResumedField field({ToolGeometry::builtin("builtin:pruner"), orientations}, params, options);
   const double made_ms = Moment::now().clock_ms - making.clock_ms;
   const RollingStatus begin = field.status();
   std::printf("tables of the tool: %.0f ms, %.1f MB\n", made_ms, 1e-6 * static_cast<double>(begin.memory_bytes));
@@ -108,21 +153,24 @@ int run() {
               "RSS MB", "peak MB", "median", "p99", "most ms", "saved", "loaded", "points");
   std::vector<double> step_ms;
   const int steps = 2 * flight.frames(), row = static_cast<int>(kMetresPerRow / kStep_m);
+  const int resume_every = static_cast<int>(environment("ACCESSVDB_BENCH_RESUME_EVERY_M", 0) / kStep_m);
   for (int n = 0; n < steps; ++n) {
+    if (resume_every > 0 && n > 0 && n % resume_every == 0) field.resume();
     const Scan scan = flight.at(n < flight.frames() ? n : steps - 1 - n);
     const Moment start = Moment::now();
-    field.integrateScan(scan.points_S, scan.T_W_S, bench::kFlightPeriod_s * n);
-    field.update();
+    field->integrateScan(scan.points_S, scan.T_W_S, bench::kFlightPeriod_s * n);
+    field->update();
     step_ms.push_back(Moment::now().clock_ms - start.clock_ms);
     if ((n + 1) % row != 0 && n + 1 != steps) continue;
     const RollingStatus status = field.status();
-    std::printf("%6.0f %6lu %9lu %9.0f %9.0f %9.0f | %8.0f %8.0f %8.0f | %6lu %6lu %10lu%s\n", kStep_m * (n + 1),
+    std::printf("%6.0f %6lu %9lu %9.0f %9.0f %9.0f | %8.0f %8.0f %8.0f | %6lu %6lu %10lu%s%s\n", kStep_m * (n + 1),
                 static_cast<unsigned long>(status.tiles), static_cast<unsigned long>(status.tiles_in_memory),
                 1e-6 * static_cast<double>(status.memory_bytes),
                 1e-6 * static_cast<double>(residentBytes("VmRSS:") - before),
                 1e-6 * static_cast<double>(residentBytes("VmHWM:") - before), at(step_ms, 0.5), at(step_ms, 0.99),
                 at(step_ms, 1), static_cast<unsigned long>(status.saved), static_cast<unsigned long>(status.loaded),
-                static_cast<unsigned long>(status.points), status.memory_short ? "  memory short" : "");
+                static_cast<unsigned long>(status.points), status.memory_short ? "  memory short" : "",
+                field.takeResumed().c_str());
     std::fflush(stdout);
     step_ms.clear();
   }

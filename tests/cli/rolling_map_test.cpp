@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "accessvdb/field_io.h"
 #include "cli/checkpoint_world.h"
 #include "cli/program_run.h"
 #include "cli/rolling_world.h"
@@ -104,11 +105,69 @@ TEST_F(RollingMap, AStoppedRunGoesOn) {
   const ProgramResult again = runProgram(rolling({"--out", path("out")}));
   EXPECT_EQ(again.exit_code, 7) << again.err;
   EXPECT_NE(again.err.find("--resume"), std::string::npos) << again.err;
+  // Stopped once more, while it reads what it has already.
+  setup.arguments = rolling({"--out", path("out"), "--resume", path("roll")});
+  setup.signal_after = "tiles of ";
+  const ProgramResult twice = runProgram(setup);
+  EXPECT_EQ(twice.exit_code, 128 + SIGTERM) << twice.err;
   const ProgramResult resumed = runProgram(rolling({"--out", path("out"), "--resume", path("roll")}));
   ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
   EXPECT_NE(resumed.err.find("going on after "), std::string::npos) << resumed.err;
   EXPECT_NE(readText("out/report.json").find("\"points_in\": 160000"), std::string::npos);
   expectOnePiece("out");
+}
+
+/// A flight that goes on: the same scans first, and then more, with their poses in the same file.
+TEST_F(RollingMap, TakesOnScansThatFollow) {
+  writeRollingWorld({.scans = 40, .returns_home = true}, folder_);
+  const std::string poses = readText("poses.txt");
+  std::size_t end = 0;
+  for (int line = 0; line < 25; ++line) end = poses.find('\n', end) + 1;
+  fs::create_directories(folder_ / "later");
+  const auto move = [&](const char* from, const char* to) {
+    for (int scan = 25; scan < 40; ++scan) {
+      const std::string name = "0000" + std::to_string(scan) + ".pcd";
+      fs::rename(folder_ / from / name, folder_ / to / name);
+    }
+  };
+  move("scans", "later");
+  writeText("poses.txt", poses.substr(0, end));
+  ASSERT_EQ(runProgram(rolling({"--out", path("first")})).exit_code, 0);
+
+  move("later", "scans");
+  const auto resumed = [&](const std::string& out) {
+    return runProgram(rolling({"--out", path(out), "--resume", path("roll")}));
+  };
+  std::string moved = poses;
+  moved.replace(moved.find("\n3 0 ") + 5, 1, "9");
+  writeText("poses.txt", moved);
+  const ProgramResult refused = resumed("out");
+  EXPECT_EQ(refused.exit_code, 4) << refused.err;
+  EXPECT_NE(refused.err.find("its 25 scans have other poses or times now"), std::string::npos) << refused.err;
+  writeText("poses.txt", poses);
+  const ProgramResult replaces = resumed("first");
+  EXPECT_EQ(replaces.exit_code, 7) << replaces.err;
+  const ProgramResult run = resumed("out");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_NE(run.err.find("going on after 25 of 40 scans"), std::string::npos) << run.err;
+  EXPECT_NE(readText("out/report.json").find("\"points_in\": 160000"), std::string::npos);
+  EXPECT_NE(readText("out/report.json").find("\"resumed_after_scans\": 25"), std::string::npos);
+
+  // What a blocked point came closest with depends on when it was looked at.
+  ASSERT_EQ(runProgram(arguments({"--tiles", "off", "--out", path("one")})).exit_code, 0);
+  ASSERT_EQ(runProgram({"tile", "merge", path("out"), "--points", path("all.ply")}).exit_code, 0);
+  const FieldSnapshot one = io::readPointsPly(path("one/points.ply")), all = io::readPointsPly(path("all.ply"));
+  ASSERT_EQ(all.points.size(), one.points.size());
+  for (std::size_t n = 0; n < all.points.size(); ++n) {
+    const SurfacePoint &a = all.points[n], &b = one.points[n];
+    ASSERT_TRUE(a.position_W == b.position_W && a.label == b.label) << n;
+    if (a.label == PointLabel::Accessible) ASSERT_TRUE(a.score == b.score && a.direction == b.direction) << n;
+  }
+  EXPECT_GT(all.count(PointLabel::Accessible), 100U);
+  // Without the last ones they are other scans.
+  writeText("poses.txt", poses.substr(0, end));
+  move("scans", "later");
+  EXPECT_EQ(resumed("out2").exit_code, 4);
 }
 
 TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {
@@ -124,6 +183,7 @@ TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {
   };
   expect(resumed({"--knn", "9"}), 4, "rolling.changed");
   expect(resumed({"--every", "2"}), 4, "state.params");
+  expect(resumed({"--level", "2,0"}), 4, "level was \"\" and is now \"2,0\"");
   const std::string scan = contentOf(folder_ / "scans/000002.pcd");
   std::ofstream(folder_ / "scans/000002.pcd", std::ios::binary) << contentOf(folder_ / "scans/000001.pcd");
   expect(resumed({}), 4, "state.scans");

@@ -223,8 +223,10 @@ TEST_F(TileDamage, TilesThatHaveChangedAreNotRead) {
 TEST_F(TileDamage, ATileIsMadeAgainAfterTheRaysAreGone) {
   succeed(map({"--tiles", "6.4"}));
   fs::remove_all(path("out/tiles/" + tilesOf().front()));
+  EXPECT_TRUE(has(runProgram(step("status")).out, "next: accessvdb tile bin"));
   EXPECT_TRUE(has(refuse(step("run"), 3, "rays.missing"), "tile bin"));
   succeed(step("bin"));
+  EXPECT_TRUE(has(runProgram(step("status")).out, "next: accessvdb tile run"));
   succeed(step("run"));
   expectOnePiece();
   expectNoLeftovers();

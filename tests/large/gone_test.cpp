@@ -54,6 +54,10 @@ class TilesOfWhatGoes : public TiledTest {
     EXPECT_GT(reasons(out + "/report.json", "changed"), 100U);
     EXPECT_EQ(reasons(out + "/report.json", "changed"), reasons("one_piece/report.json", "changed"));
   }
+  void expectNext(const std::string& name) const {
+    const std::string status = runProgram(step("status")).out;
+    EXPECT_NE(status.find("next: accessvdb tile " + name + "\n"), std::string::npos) << status;
+  }
   [[nodiscard]] fs::path anyState() const {
     for (const auto& entry : fs::directory_iterator(path("out/rays")))
       if (entry.path().extension() == ".state") return entry.path();
@@ -133,7 +137,9 @@ TEST_F(TilesOfWhatGoes, StepByStep) {
   flipByte("out/tiles/" + tiles.front() + "/points.ply", sizeOf("out/tiles/" + tiles.front() + "/points.ply") / 2);
   refuse(step("merge", {"--points", path("all.ply")}), 3, "output.changed");
   refuse(step("run", {"--tile", tiles.front()}), 3, "rays.missing");
+  expectNext("bin");
   succeed(step("bin"));
+  expectNext("run");
   succeed(step("run", {"--tile", tiles.front()}));
   expectOnePiece();
 }
@@ -311,13 +317,16 @@ TEST_F(TilesOfWhatGoes, ScansThatChangedAreRefused) {
   succeed(plan(tiled()));
   succeed(step("bin"));
   fs::remove_all(path("out/rays"));
+  expectNext("bin");
   const std::string whole = readText("scans/000007.pcd"), other = readText("scans/000008.pcd");
   writeText("scans/000007.pcd", other);
   refuse(step("bin"), 4, "plan.changed");
   writeText("scans/000007.pcd", whole + "x");
   refuse(step("bin"), 4, "plan.changed");
+  expectNext("bin");
   writeText("scans/000007.pcd", whole);
   succeed(step("bin"));
+  expectNext("run");
   succeed(step("run"));
   expectOnePiece();
 }

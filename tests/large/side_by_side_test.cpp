@@ -124,6 +124,7 @@ TEST_F(SideBySide, GoesOnWhereItWasStopped) {
   EXPECT_EQ(rays_.steps, kScans);
   EXPECT_EQ(rays_.points_in, 4000 * kScans);
   EXPECT_EQ(binUntil(kScans, false, {}), kScans) << "nothing is left to do";
+  EXPECT_TRUE(tiles::hasRays(job_, rays_));
   expectOnePiece();
 }
 
@@ -156,7 +157,9 @@ TEST_F(SideBySide, NoTileIsMadeFromWhatAStoppedPassHasTaken) {
   binUntil(kScans, false, {});
   const tiles::Binned whole = rays_;
   fs::remove_all(job_.out / "rays");
+  EXPECT_FALSE(tiles::hasRays(job_, whole));
   binUntil(9, false, {});
+  EXPECT_FALSE(tiles::hasRays(job_, whole));
   const auto expectMissing = [&] {
     try {
       tiles::run(job_, whole, whole.returns_of.front().id, {});
@@ -182,11 +185,32 @@ TEST_F(SideBySide, NoTileIsMadeFromWhatAStoppedPassHasTaken) {
   expectOnePiece();
 }
 
+/// A tile is not put in the place of one of a plan that came while it was made.
+TEST_F(SideBySide, ASlowRunOfAnOlderPlanKeepsNothing) {
+  binUntil(kScans, false, {});
+  const tiles::TileId tile = rays_.returns_of.front().id;
+  const tiles::Job older = job_;
+  job_.plan.flights.front().options = "every 1\n";
+  job_.plan = identified(std::move(job_.plan));
+  tiles::writePlan(job_.out, job_.plan);
+  try {
+    tiles::run(older, rays_, tile, {});
+    ADD_FAILURE() << "put in place";
+  } catch (const UnusableInput& error) {
+    EXPECT_EQ(error.id(), "plan.changed");
+  }
+  EXPECT_FALSE(fs::exists(job_.out / "tiles" / tile.name()));
+  fs::remove(job_.out / "plan.json");
+  EXPECT_THROW(tiles::run(older, rays_, tile, {}), UnusableInput);
+  EXPECT_FALSE(fs::exists(job_.out / "tiles" / tile.name()));
+}
+
 /// What was not as it is now, or belongs to another plan, is made again.
 TEST_F(SideBySide, OtherScansAreNotGoneOnWith) {
   binUntil(9, false, {});
   job_.plan.flights.front().options = "every 1\n";
   job_.plan = identified(std::move(job_.plan));
+  tiles::writePlan(job_.out, job_.plan);
   EXPECT_EQ(binUntil(kScans, false, {}), 0U);
   expectOnePiece();
 }

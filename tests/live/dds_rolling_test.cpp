@@ -107,11 +107,43 @@ TEST_F(LiveRollingDds, GoesOnAfterItsCheckpointAndAnswersCommands) {
   EXPECT_FALSE(fs::exists(path("of_map/plan.json")));
 
   fs::rename(path("out"), path("first"));
+  const ProgramResult level = live({"true"}, rolling({"--resume", path("tiles"), "--level", "2,0"}));
+  EXPECT_EQ(level.exit_code, 4) << level.err;
+  EXPECT_NE(level.err.find("was made with no --level instead of --level 2,0"), std::string::npos) << level.err;
   const ProgramResult second = live({peer("rate=4")}, rolling({"--resume", path("tiles")}));
   EXPECT_EQ(second.exit_code, 128 + SIGINT) << second.err;
   EXPECT_NE(second.err.find("going on after 4 scans"), std::string::npos) << second.err;
   EXPECT_EQ(report_["resumed_after_scans"], 4) << report_;
   EXPECT_EQ(report_["counts"]["scans"], 8);
+  EXPECT_EQ(merged().points.size(), points) << "the same scans have come again";
+  EXPECT_EQ(second.err.find("rolling.frame"), std::string::npos) << second.err;
+
+  // An odometry in another frame: what was mapped before lies elsewhere.
+  fs::rename(path("out"), path("second"));
+  const ProgramResult elsewhere = live({peer("rate=4 world=map")}, rolling({"--resume", path("tiles")}));
+  EXPECT_EQ(elsewhere.exit_code, 128 + SIGINT) << elsewhere.err;
+  EXPECT_NE(elsewhere.err.find("warning[rolling.frame]: poses are in frame map now, and were in frame odom"),
+            std::string::npos)
+      << elsewhere.err;
+}
+
+/// Restarted in flight, where nothing rests: up is what the IMU felt when the map was begun.
+TEST_F(LiveRollingDds, WhatIsLevelIsNotMeasuredAgain) {
+  simulate(16);
+  const std::vector<std::string> level = {"--level", "imu", "--imu", "/imu"};
+  const ProgramResult first = live({peer("rate=10 imu=1")}, rolling(level));
+  EXPECT_EQ(first.exit_code, 128 + SIGINT) << first.err;
+  expectPeersEndedWell();
+  EXPECT_EQ(report_["counts"]["scans"], 16) << first.err;
+  const std::size_t points = merged().points.size();
+  EXPECT_GT(points, 100U);
+
+  fs::rename(path("out"), path("first"));
+  std::vector<std::string> again = level;
+  again.insert(again.end(), {"--resume", path("tiles")});
+  const ProgramResult second = live({peer("rate=4 count=4")}, rolling(again));
+  EXPECT_EQ(second.exit_code, 128 + SIGINT) << second.err;
+  EXPECT_EQ(report_["counts"]["scans"], 20) << second.err;
   EXPECT_EQ(merged().points.size(), points) << "the same scans have come again";
 }
 

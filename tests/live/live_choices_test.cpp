@@ -286,6 +286,21 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
   EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
 }
 
+/// Of a map that goes on: up is what it was, with no IMU.
+TEST_F(LiveLevelling, AsItWasFoundBefore) {
+  LiveOptions options;
+  options.level = io::Level{.from_imu = true};
+  LiveSession session(test::armTool(), coarseParams(), options);
+  session.setLevelling(R_L_W_);
+  EXPECT_FALSE(session.status().waits_for_level);
+  for (std::size_t n = 0; n < scans_.size(); ++n) {
+    session.addPose(tilted(n));
+    session.addScan(scanOf(scans_[n], n));
+    ASSERT_TRUE(session.step());
+  }
+  expectAsLevel(session);
+}
+
 /// A transform that comes late is waited for; without one, after ten seconds, it is said that there is none.
 TEST_F(LiveLevelling, AnImuThatNothingConnectsYetIsNotTakenForWhatIsPosed) {
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitX()));

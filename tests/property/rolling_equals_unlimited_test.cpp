@@ -185,6 +185,20 @@ TEST_F(RollingEvidence, OfATileThatMissesATurn) {
   expectSame(steps, 4);
 }
 
+/// Both sides of a border are done with what stood across it, each with its part. Another board close behind: its
+/// shadow is where the first one was, and rays go through it from the side.
+TEST_F(RollingEvidence, OfWhatTheOtherSideIsDoneWith) {
+  std::vector<Step> steps;
+  for (int n = 0; n < 3; ++n)
+    steps.push_back(onRectangle({1.5, 0, 0.1 * n}, {3.2, -0.5, -0.4}, {0.02, 1, 0.8}, random_));
+  for (int n = 0; n < 15; ++n)
+    steps.push_back(onRectangle({1.5, 0.02 * n - 0.2, 0}, {5.5, -2, -1.5}, {0.02, 4, 3}, random_));
+  for (int n = 0; n < 4; ++n) steps.push_back(onRectangle({5, 0, 0.1 * n}, {3.4, -0.5, -0.4}, {0.02, 1, 0.8}, random_));
+  for (int n = 0; n < 4; ++n)
+    steps.push_back(onRectangle({3.27, -2.7, 0.02 * n}, {3.2, 1.8, -0.8}, {0.14, 0.02, 1.6}, random_));
+  expectSame(steps, 5);
+}
+
 /// The folder at the end is that of a map in tiles: merged, it has the bytes of one piece.
 TEST(RollingFolder, MergesIntoOnePiece) {
   const Case test = {.name = "merge", .seed = 7, .change = ChangeMode::Block, .update_every = 0};

@@ -6,7 +6,7 @@
  *
  *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [large=N] [listen=PREFIX] [wait_s=S]
  *             [pose_stamps=FILE] [poses=0|1] [odometry=FILE] [times=0|1] [livox=0|1] [frame=NAME] [child=NAME]
- *             [static_tf=FILE]
+ *             [world=NAME] [imu=0|1] [static_tf=FILE]
  *
  * STREAM: for each scan int64 stamp_ns, 3 doubles, 4 doubles x y z w, uint32 n, n x 3 floats; little-endian.
  * rate=0: as fast as it can. die=N: it is killed after N scans.
@@ -16,7 +16,8 @@
  * scans. poses=0: clouds alone. odometry: instead, int64 stamp_ns, 3 doubles, 4 doubles x y z w, for each pose: all up
  * to the end of a scan come before it. times=1: after its points, a scan of STREAM has n x uint32, when each was
  * measured in ns since its stamp. livox=1: clouds are sent as CustomMsg. frame, child: of clouds and odometry, both
- * "body". Prints "published N" at the end. */
+ * "body"; world: what the odometry is in, "odom". imu=1: before each scan what an accelerometer felt five times in the
+ * last tenth of a second: up in "world" is (0.04, 0.02, 1). Prints "published N" at the end. */
 #include <dds/dds.h>
 #include <inttypes.h>
 #include <signal.h>
@@ -78,11 +79,11 @@ static void setStamp(std_msgs_msg_dds__Header_* header, int64_t stamp_ns) {
 }
 
 /* pose: x y z, qx qy qz qw */
-static void sendPose(dds_entity_t odometry, int64_t stamp_ns, const double* pose, char* child) {
+static void sendPose(dds_entity_t odometry, int64_t stamp_ns, const double* pose, char* world, char* child) {
   Odometry odom;
   memset(&odom, 0, sizeof odom);
   setStamp(&odom.header, stamp_ns);
-  odom.header.frame_id = "odom";
+  odom.header.frame_id = world;
   odom.child_frame_id = child;
   odom.pose.pose.position.x = pose[0];
   odom.pose.pose.position.y = pose[1];
@@ -92,6 +93,23 @@ static void sendPose(dds_entity_t odometry, int64_t stamp_ns, const double* pose
   odom.pose.pose.orientation.z = pose[5];
   odom.pose.pose.orientation.w = pose[6];
   check(dds_write(odometry, &odom), "odometry");
+}
+
+static void sendImu(dds_entity_t imu, int64_t stamp_ns, const double* pose, char* child) {
+  const double qx = -pose[3], qy = -pose[4], qz = -pose[5], qw = pose[6], up[3] = {0.4, 0.2, 10};
+  /* v + 2 q x (q x v + w v), by the inverse of the pose's rotation */
+  const double tx = qy * up[2] - qz * up[1] + qw * up[0], ty = qz * up[0] - qx * up[2] + qw * up[1],
+               tz = qx * up[1] - qy * up[0] + qw * up[2];
+  sensor_msgs_msg_dds__Imu_ felt;
+  memset(&felt, 0, sizeof felt);
+  felt.header.frame_id = child;
+  felt.linear_acceleration.x = up[0] + 2 * (qy * tz - qz * ty);
+  felt.linear_acceleration.y = up[1] + 2 * (qz * tx - qx * tz);
+  felt.linear_acceleration.z = up[2] + 2 * (qx * ty - qy * tx);
+  for (int n = 4; n >= 0; --n) {
+    setStamp(&felt.header, stamp_ns - 20000000 * n);
+    check(dds_write(imu, &felt), "imu");
+  }
 }
 
 /* Those of a file up to a time. */
@@ -105,9 +123,9 @@ static void readPose(struct PoseFile* poses) {
   poses->has_next = fread(&poses->stamp_ns, sizeof poses->stamp_ns, 1, poses->file) == 1 &&
                     fread(poses->pose, sizeof(double), 7, poses->file) == 7;
 }
-static void sendPosesUntil(struct PoseFile* poses, int64_t end_ns, dds_entity_t odometry, char* child) {
+static void sendPosesUntil(struct PoseFile* poses, int64_t end_ns, dds_entity_t odometry, char* world, char* child) {
   for (; poses->has_next && poses->stamp_ns <= end_ns; readPose(poses))
-    sendPose(odometry, poses->stamp_ns, poses->pose, child);
+    sendPose(odometry, poses->stamp_ns, poses->pose, world, child);
 }
 
 static void sendTransforms(dds_entity_t writer, const char* path) {
@@ -242,6 +260,7 @@ int main(int argc, char** argv) {
   const int with_times = argument(argc, argv, "times", 0) > 0, livox = argument(argc, argv, "livox", 0) > 0;
   char* const frame = (char*)(word(argc, argv, "frame") != NULL ? word(argc, argv, "frame") : "body");
   char* const child = (char*)(word(argc, argv, "child") != NULL ? word(argc, argv, "child") : "body");
+  char* const world = (char*)(word(argc, argv, "world") != NULL ? word(argc, argv, "world") : "odom");
   struct PoseFile poses = {NULL, 0, {0}, 0};
   if (word(argc, argv, "odometry") != NULL) {
     if ((poses.file = fopen(word(argc, argv, "odometry"), "rb")) == NULL) {
@@ -277,6 +296,14 @@ int main(int argc, char** argv) {
   const dds_entity_t odometry = dds_create_writer(participant, odom_topic, qos, NULL);
   check(clouds, "writer of clouds");
   check(odometry, "writer of odometry");
+
+  dds_entity_t imu = 0;
+  if (argument(argc, argv, "imu", 0) > 0) {
+    const dds_entity_t topic = dds_create_topic(participant, &sensor_msgs_msg_dds__Imu__desc, "rt/imu", NULL, NULL);
+    check(topic, "topic of the imu");
+    imu = dds_create_writer(participant, topic, qos, NULL);
+    check(imu, "writer of the imu");
+  }
 
   dds_entity_t transforms = 0;
   if (word(argc, argv, "static_tf") != NULL) {
@@ -315,7 +342,7 @@ int main(int argc, char** argv) {
   }
 
   const dds_time_t give_up = dds_time() + DDS_SECS(30);
-  while (readersOf(clouds) == 0 || readersOf(odometry) == 0 ||
+  while (readersOf(clouds) == 0 || readersOf(odometry) == 0 || (imu > 0 && readersOf(imu) == 0) ||
          (ears.prefix != NULL &&
           (writersOf(ears.points) == 0 || writersOf(ears.changes) == 0 || writersOf(ears.status) == 0))) {
     if (dds_time() > give_up) {
@@ -353,8 +380,9 @@ int main(int argc, char** argv) {
     if (with_times) need(fread(times_ns, 4, points, stream), points);
     if (number >= first) {
       if (rate > 0) waitUntil(start + (dds_time_t)(1e9 * (double)published / rate), &ears);
-      if (with_poses) sendPose(odometry, pose_stamp_ns, pose, child);
-      if (poses.file != NULL) sendPosesUntil(&poses, stamp_ns + 110000000, odometry, child);
+      if (imu > 0) sendImu(imu, pose_stamp_ns, pose, child);
+      if (with_poses) sendPose(odometry, pose_stamp_ns, pose, world, child);
+      if (poses.file != NULL) sendPosesUntil(&poses, stamp_ns + 110000000, odometry, world, child);
       Cloud cloud;
       memset(&cloud, 0, sizeof cloud);
       setStamp(&cloud.header, stamp_ns);
@@ -395,7 +423,7 @@ int main(int argc, char** argv) {
     free(xyz);
     free(times_ns);
   }
-  if (poses.file != NULL) sendPosesUntil(&poses, INT64_MAX, odometry, child);
+  if (poses.file != NULL) sendPosesUntil(&poses, INT64_MAX, odometry, world, child);
   if (argument(argc, argv, "reliable", 1) > 0) {
     check(dds_wait_for_acks(odometry, DDS_SECS(60)), "odometry did not arrive");
     check(dds_wait_for_acks(clouds, DDS_SECS(60)), "clouds did not arrive");

@@ -10,6 +10,7 @@
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
 #include "runs/checkpoint.h"
+#include "runs/run_progress.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -17,6 +18,20 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr const char* kLive = "live";
+
+/// Nine numbers that are read back to the bit; empty for none.
+std::string textOf(const std::optional<Eigen::Matrix3d>& matrix) {
+  std::string text;
+  for (Eigen::Index n = 0; matrix && n < 9; ++n) text += (n > 0 ? " " : "") + fullNumber(matrix->data()[n]);
+  return text;
+}
+std::optional<Eigen::Matrix3d> matrixFrom(const std::string& text) {
+  Eigen::Matrix3d matrix;
+  std::istringstream numbers(text);
+  for (Eigen::Index n = 0; n < 9; ++n)
+    if (!(numbers >> matrix.data()[n])) return std::nullopt;
+  return matrix;
+}
 
 }  // namespace
 
@@ -53,23 +68,27 @@ void RollingLive::addTo(LiveOptions& options) const {
   options.resume = !options_.map.resume.empty() && RollingField::hasCheckpoint(options_.map.rolling);
 }
 
-void RollingLive::begin(const RollingField& field) {
+void RollingLive::begin(LiveSession& session) {
+  const RollingField& field = *session.rolling();
   words_.sayTiles(field.status(), field.params().tsdf.voxel_size_m);
   if (field.note().empty() && field.status().steps == 0) return;
   const auto refuse = [&](const std::string& problem, const std::string& advice) {
     throw UnusableInput("rolling.changed", options_.map.rolling, problem, advice);
   };
   std::istringstream lines(field.note());
-  std::string kind, level;
+  std::string kind, level, levelling;
   std::getline(lines, kind);
   std::getline(lines, level);
   std::getline(lines, frame_);
+  std::getline(lines, levelling);
   if (kind != kLive) refuse("was not made by live: it holds other scans", "Use map --rolling, or another folder");
   if (level != options_.map.sensor.level) {
     const auto words = [](const std::string& given) { return given.empty() ? "no --level" : "--level " + given; };
     refuse("was made with " + words(level) + " instead of " + words(options_.map.sensor.level),
            "Use what it was made with, or another folder");
   }
+  R_L_W_ = matrixFrom(levelling);
+  if (R_L_W_) session.setLevelling(*R_L_W_);
   saved_steps_ = field.status().steps;
   report_.scans = saved_steps_;
   report_.resumed_after_scans = saved_steps_;
@@ -78,13 +97,15 @@ void RollingLive::begin(const RollingField& field) {
 }
 
 std::string RollingLive::note() const {
-  return std::string(kLive) + "\n" + options_.map.sensor.level + "\n" + frame_ + "\n";
+  return std::string(kLive) + "\n" + options_.map.sensor.level + "\n" + frame_ + "\n" + textOf(R_L_W_) + "\n";
 }
 
-void RollingLive::afterStep(RollingField& field, bool taken, const std::string& frame) {
+void RollingLive::afterStep(LiveSession& session, bool taken) {
+  RollingField& field = *session.rolling();
   const RollingStatus now = field.status();
   if (taken) words_.note(now);
-  sayFrame(frame);
+  sayFrame(session.status().world_frame);
+  R_L_W_ = session.levelling();
   if (now.unsaved) sayDisk("a tile cannot be written");
   const bool due = every_s_ > 0 && std::chrono::duration<double>(Clock::now() - last_).count() >= every_s_;
   if (due && now.steps != saved_steps_) tryCheckpoint(field);

@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "accessvdb/live_session.h"
@@ -27,10 +28,9 @@ class RollingLive {
   /// Sets what the session needs. @throws InputError, OutputError where --rolling and --resume do not fit the folder
   void addTo(LiveOptions& options) const;
   /// Once the session is there. @throws UnusableInput if the folder is not that of a live run
-  void begin(const RollingField& field);
-  /// After each try of a step: a checkpoint when its time has come.
-  /// @param taken  whether there was one  @param frame  of the poses; empty: not known
-  void afterStep(RollingField& field, bool taken, const std::string& frame);
+  void begin(LiveSession& session);
+  /// After each try of a step: a checkpoint when its time has come. @param taken  whether there was one
+  void afterStep(LiveSession& session, bool taken);
   /// @throws OutputError
   void checkpoint(RollingField& field);
   /// Whether the run may go on after this failure of a step.
@@ -52,8 +52,9 @@ class RollingLive {
   RollingWords words_;
   double every_s_ = 0;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-  std::uint64_t saved_steps_ = 0;  ///< of the field, in its last checkpoint
-  std::string frame_;              ///< of the poses, in this run or the one that it goes on with
+  std::uint64_t saved_steps_ = 0;         ///< of the field, in its last checkpoint
+  std::string frame_;                     ///< of the poses, in this run or the one that it goes on with
+  std::optional<Eigen::Matrix3d> R_L_W_;  ///< LiveSession::levelling(), the same
   bool disk_failed_ = false, said_frame_ = false;
   int said_disk_ = 0;
 };

@@ -7,13 +7,11 @@
 #include <filesystem>
 #include <limits>
 #include <optional>
-#include <set>
 #include <string>
 #include <tuple>
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "accessvdb/program/path_facts.h"
 #include "accessvdb/rolling_field.h"
 #include "options/tools_given.h"
 #include "output/json_text.h"
@@ -21,6 +19,7 @@
 #include "output/run_summary.h"
 #include "output/stop_signal.h"
 #include "runs/checkpoint.h"
+#include "runs/hashed_inputs.h"
 #include "runs/memory_check.h"
 #include "runs/progress_json.h"
 #include "runs/reading_losses.h"
@@ -32,6 +31,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
+
+constexpr const char* kTaken = "taken_sha256";  // of the note, besides the progress
 
 std::optional<std::string> whyNotRollingMap(const MapOptions& options, const FieldParams& params) {
   if (options.tiles != "auto") return "--tiles sorts all returns first; leave it out";
@@ -57,12 +58,12 @@ class RollingRun {
         report_(report),
         messages_(messages),
         params_(sources.params),
-        checkpoint_every_s_(parseDuration_s("--checkpoint-every", options_.checkpoint_every)) {
+        checkpoint_every_s_(parseDuration_s("--checkpoint-every", options_.checkpoint_every)),
+        hashed_(report.inputs) {
     params_.carry.clear();            // what points.las has of first returns
     params_.mirror_distance = false;  // only for kernels of this process
     reading_ = readingOf(options_);
     if (sources.scans.deskews()) reading_["deskewed"] = "true";
-    for (const io::InputFile& input : report.inputs) hashed_.insert(input.path);
   }
 
   int run() {
@@ -75,7 +76,7 @@ class RollingRun {
     const std::size_t first = readResumed(field);
     integrateAll(field, first);
     const int signal = stopSignal();
-    if (report_.points_used > 0) field.checkpoint(note());
+    if (report_.points_used > 0 && report_.scans > first) field.checkpoint(note());
     if (signal != 0) {
       messages_.notice(
           std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) + " of " +
@@ -122,20 +123,27 @@ class RollingRun {
     now.scans = scans_;
     return now;
   }
-  void hash(const std::string& path) {
-    if (!io::isFile(path) || !hashed_.insert(path).second) return;
-    scans_.push_back({path, io::sha256OfFile(path)});
+  void hash(const std::string& path) { hashed_.add(path, scans_); }
+
+  /// A scan that was read.
+  void noteRead(const io::ScanRecord& record) {
+    losses_.add(record);
+    hash(record.path);
+    taken_sha256_ = io::sha256OfScans(taken_sha256_, record);
   }
 
-  /// Reads the scans that the field has already: they have to be the same ones. @return their number
+  /// Reads the scans that the field has already: they have to be the same ones. More may follow them, with poses in a
+  /// longer file. @return their number
   std::size_t readResumed(const RollingField& field) {
     if (field.note().empty() && field.status().steps == 0) return 0;
     RunProgress before;
     Reading reading;
+    std::string taken_sha256;
     try {
       const nlohmann::ordered_json json = nlohmann::ordered_json::parse(field.note());
       before = progressFrom(json);
       reading = readingFrom(json);
+      json.at(kTaken).get_to(taken_sha256);
     } catch (const nlohmann::ordered_json::exception&) {
       before.steps = std::numeric_limits<std::uint64_t>::max();
     }
@@ -148,20 +156,26 @@ class RollingRun {
                         "Choose another folder for --out");
     }
     const ResumedProgress resumed = {before, reading, options_.resume};
-    requireSameReading(resumed, reading_, sources_.scans.size());
-    for (std::size_t step = 0; step < before.next_step && stopSignal() == 0; ++step) {
-      const io::ScanRecord record = sources_.scans.read(step);
-      losses_.add(record);
-      hash(record.path);
+    const bool more = sources_.scans.size() > before.steps;
+    requireSameReading(resumed, reading_, more ? before.steps : sources_.scans.size());
+    for (std::size_t step = 0; step < before.next_step && stopSignal() == 0; ++step)
+      noteRead(sources_.scans.read(step));
+    if (stopSignal() == 0) {
+      RunProgress now = progress();
+      if (more) now.poses = before.poses;  // what matters of them is in taken_sha256_
+      requireSameInputs(resumed, now);
+      if (taken_sha256_ != taken_sha256) {
+        refuseToResume("state.scans", options_.resume,
+                       "its " + std::to_string(before.next_step) + " scans have other poses or times now");
+      }
     }
-    if (stopSignal() == 0) requireSameInputs(resumed, progress());
     report_.scans = before.next_step;
     report_.resumed_after_scans = report_.scans;
     report_.points_in = before.points_in;
     report_.points_used = before.points_used;
     report_.dropped = before.dropped;
-    messages_.notice("going on after " + std::to_string(before.next_step) + " of " + std::to_string(before.steps) +
-                     " scans");
+    messages_.notice("going on after " + std::to_string(before.next_step) + " of " +
+                     std::to_string(sources_.scans.size()) + " scans");
     return before.next_step;
   }
 
@@ -177,8 +191,7 @@ class RollingRun {
                                    : field.integrateRays(record.points_W, record.origins_W, stamp_s);
       report_.addScan(stats, false);
       ++report_.scans;
-      losses_.add(record);
-      hash(record.path);
+      noteRead(record);
       if (options_.update_every > 0 && report_.scans % static_cast<std::uint64_t>(options_.update_every) == 0) {
         const UpdateStats updated = field.update();
         report_.update.add(updated.update_ms);
@@ -202,6 +215,7 @@ class RollingRun {
   [[nodiscard]] std::string note() const {
     nlohmann::ordered_json json;
     addProgress(progress(), reading_, json);
+    json[kTaken] = taken_sha256_;
     return jsonText(json, -1);
   }
 
@@ -232,8 +246,9 @@ class RollingRun {
   ReadingLosses losses_;
   RollingWords words_{options_.rolling, messages_};
   std::vector<io::InputFile> scans_;
-  std::set<std::string> hashed_;
-  RollingSource source_;  ///< without what only the end knows
+  std::string taken_sha256_;  ///< io::sha256OfScans() of those that were read
+  HashedInputs hashed_;       ///< beside the scans, what the report has
+  RollingSource source_;      ///< without what only the end knows
   bool said_failed_ = false;
   /// Of the process, as the run began: what the machine can give falls as the map grows.
   const std::optional<std::uint64_t> limit_bytes_ = memoryLimit(options_);

@@ -194,15 +194,14 @@ dds::OutgoingFrame LiveRun::outgoing(const LiveSession& session) {
 
 /// Of a map in tiles, a full disk does not end the flight: that scan is dropped as failed, and blocks.
 std::optional<LiveStep> LiveRun::takeStep(LiveSession& session) {
-  RollingField* const tiles = session.rolling();
-  if (tiles == nullptr) return session.step();
+  if (session.rolling() == nullptr) return session.step();
   std::optional<LiveStep> step;
   try {
     step = session.step();
   } catch (const Error& error) {
     if (!rolling_.goesOnAfter(error)) throw;
   }
-  rolling_.afterStep(*tiles, step.has_value(), session.status().world_frame);
+  rolling_.afterStep(session, step.has_value());
   return step;
 }
 
@@ -445,8 +444,8 @@ int LiveRun::run() {
   if (!options_.map.rolling.empty()) rolling_.addTo(of_session);
   LiveSession session(tools, params, of_session, tableProgress(messages_));
   requireShownTools(options_.map, tools, session.params(), largestShareHidden(tools, params), messages_);
-  if (const RollingField* const tiles = session.rolling()) {
-    rolling_.begin(*tiles);
+  if (session.rolling() != nullptr) {
+    rolling_.begin(session);
   } else {
     for (std::size_t k = 0; k < report_.tools.size(); ++k)
       report_.tools[k].collision_limit = session.field().collisionLimit(k);

@@ -8,7 +8,6 @@
 #include <functional>
 #include <limits>
 #include <optional>
-#include <set>
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
@@ -29,6 +28,7 @@
 #include "runs/checkpoint.h"
 #include "runs/first_returns.h"
 #include "runs/gpu_fallback.h"
+#include "runs/hashed_inputs.h"
 #include "runs/map_outputs.h"
 #include "runs/map_parameters.h"
 #include "runs/memory_check.h"
@@ -69,7 +69,7 @@ class MapRun {
   void reportFailure(const Failure& failure);
 
  private:
-  void hashInput(const fs::path& path);
+  void hashInput(const fs::path& path) { hashed_.add(path, report_.inputs); }
   int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
   int rolling(const PlanSources& sources);
   int work(io::ScanSequence& scans, AccessibilityField& field);
@@ -96,18 +96,13 @@ class MapRun {
   std::size_t first_scan_input_ = 0;  // of report_.inputs
   RunReport report_;
   SceneStatistics scene_;
-  std::set<std::string> hashed_;
+  HashedInputs hashed_;
   ReadingLosses losses_;
   std::optional<ReplayLog> replay_log_;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool written_ = false;      // the field including its labels
   Clock::time_point start_ = Clock::now();
 };
-
-void MapRun::hashInput(const fs::path& path) {
-  if (!io::isFile(path) || !hashed_.insert(path.string()).second) return;
-  report_.inputs.push_back({path.string(), io::sha256OfFile(path)});
-}
 
 /// What its reader left out of a scan.
 void MapRun::countLeftOut(const io::ScanRecord& record) {
@@ -248,7 +243,7 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
   if (!checkpoints_.resumed()) return 0;
   const RunProgress& before = *checkpoints_.resumed();
   std::vector<std::string> paths = scans.paths();
-  std::erase_if(paths, [this](const std::string& path) { return hashed_.contains(path); });  // poses
+  std::erase_if(paths, [this](const std::string& path) { return hashed_.has(path); });  // poses
   const bool others = checkpoints_.addsOtherScans(paths);
   earlier_ = others ? before.followedByOthers() : before.startOfTheseScans();
   report_.inputs.insert(report_.inputs.end(), earlier_.earlier.begin(), earlier_.earlier.end());

@@ -234,9 +234,10 @@ int showStatus(const Arguments& arguments, Messages& messages) {
     points += tile.points;
   }
   const std::size_t all = status.done.size() + status.todo.size();
+  const std::string next = status.todo.empty() ? "merge" : tiles::hasRays(open.job, *rays) ? "run" : "bin";
   printData(std::to_string(status.done.size()) + " of " + std::to_string(all) + " tiles done, " +
-            std::to_string(points) + " points, " + numberText(std::round(seconds)) + " s; " +
-            (status.todo.empty() ? "next: accessvdb tile merge\n" : "next: accessvdb tile run\n"));
+            std::to_string(points) + " points, " + numberText(std::round(seconds)) + " s; next: accessvdb tile " +
+            next + "\n");
   for (const tiles::Poison& tile : status.poison) {
     printData("given up: " + tile.id.name() + ", code " + std::to_string(tile.exit_code) + ": " + tile.reason + "\n");
   }

@@ -1,0 +1,121 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tiles/rolling_result.h"
+
+#include <algorithm>
+#include <cmath>
+#include <system_error>
+#include <utility>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/program/memory_prediction.h"
+#include "launch/stopwatch.h"
+#include "tiles/ray_files.h"
+#include "tiles/tile_files.h"
+#include "tiles/tile_writer.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Of the field's own folder: what an earlier call has left in these two is deleted.
+void requireApart(const fs::path& own, const fs::path& out) {
+  for (const char* const name : {"rays", "tiles"}) {
+    std::error_code error;
+    const fs::path within =
+        fs::weakly_canonical(own, error).lexically_relative(fs::weakly_canonical(out / name, error));
+    if (within.empty() || *within.begin() == "..") continue;
+    throw OutputError("output.foreign", out.string(), "holds the folder of this very field", "Choose another folder");
+  }
+}
+
+/// Whether a folder holds the result of the same steps.
+bool isOf(const Plan& plan, const fs::path& out) {
+  const Plan there = readPlan(out);
+  return there.id() == plan.id() && there.flights.size() == 1 &&
+         there.flights.front().stamps_s == plan.flights.front().stamps_s;
+}
+
+}  // namespace
+
+RollingResult::RollingResult(const Of& of, const RollingSource& source, fs::path out, const fs::path& own)
+    : of_(of), source_(source), out_(std::move(out)) {
+  requireOwnFolders(out_);
+  requireApart(own, out_);
+  plan_ = planOf();
+  // One that was killed just before its end may be repeated.
+  if (hasPlan(out_) && !isOf(plan_, out_)) {
+    throw OutputError("output.foreign", out_.string(), "holds the tiles of another run", "Choose another folder");
+  }
+}
+
+Plan RollingResult::planOf() const {
+  const std::vector<ToolSpec>& tools = of_.made_with.tools;
+  Plan plan;
+  plan.program = ACCESSVDB_VERSION;
+  plan.parameters = describeTools(tools, of_.made_with.params) + source_.parameters;
+  plan.frame = source_.frame;
+  for (const ToolSpec& tool : tools) plan.tool_name += (plan.tool_name.empty() ? "" : ", ") + tool.name;
+  if (tools.size() == 1) plan.tool_name = tools.front().tool.name();
+  plan.tool_sha256 = toolListSha256(tools);
+  plan.origin_W = of_.origin_W;
+  plan.voxel_size_m = of_.made_with.params.tsdf.voxel_size_m;
+  plan.tile_voxels = of_.made_with.tile_voxels;
+  plan.margin_voxels = of_.margin_voxels;
+  Flight flight = source_.flight;
+  flight.stamps_s.clear();
+  for (const double stamp_s : of_.stamps_s) flight.stamps_s.push_back(std::isfinite(stamp_s) ? stamp_s : 0);
+  plan.flights.push_back(std::move(flight));
+  return identified(std::move(plan));
+}
+
+std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptions& files) const {
+  io::prepareOutputFolder(out_);
+  removeAttempts(out_);
+  Status status;
+  for (const TileIndex& index : tiles.all())
+    tiles.visit(index, [&](const RollingTile& tile) { status.done.push_back(writeOne(index, tile, files)); });
+  writeBinned(out_, plan_, raysOf(status.done));
+  writeIndex(out_, plan_, status);
+  writePlan(out_, plan_);  // last: until then nobody takes it for whole
+  return std::move(status.done);
+}
+
+Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, const io::WriteOptions& files) const {
+  const kernels::Stopwatch watch;
+  Tile written;
+  written.id = {index.first, index.second, {}};
+  written.returns = tile.returns;
+  AttemptFolder folder(out_, written.id, AttemptFolder::Leftovers::AreGone);
+  const auto step_of = [&](std::uint32_t id) {
+    const auto after = std::upper_bound(of_.first_ids.begin(), of_.first_ids.end(), tile.ids[id]);
+    return static_cast<std::uint32_t>(after - of_.first_ids.begin()) - 1;
+  };
+  writeTileFiles(tile.field, folder.path(), files, step_of, written);
+  written.seconds = watch.milliseconds() / 1000;
+  written.peak_bytes = peakMemoryBytes();
+  writeTile(folder.path(), plan_, written);
+  folder.putInPlace(plan_, {written.id, written.returns, 1});
+  return written;
+}
+
+Binned RollingResult::raysOf(const std::vector<Tile>& done) const {
+  Binned rays;
+  rays.complete = true;
+  rays.steps = of_.first_ids.size();
+  rays.points_in = of_.taken.points_in;
+  rays.points_used = of_.taken.points_used;
+  rays.dropped = of_.taken.dropped;
+  rays.inputs = source_.inputs;
+  rays.truncated_points = source_.truncated_points;
+  for (const Tile& tile : done) {
+    rays.returns_of.push_back({tile.id, tile.returns, 1});
+    rays.returns_stored += tile.returns;
+  }
+  return rays;
+}
+
+}  // namespace accessvdb::tiles

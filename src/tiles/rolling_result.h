@@ -1,0 +1,49 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a rolling field leaves at the end: a folder like that of `map --tiles`.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "accessvdb/rolling_field.h"
+#include "accessvdb/tiles.h"
+#include "tiles/rolling_manifest.h"
+#include "tiles/rolling_tiles.h"
+
+namespace accessvdb::tiles {
+
+class RollingResult {
+ public:
+  /// What it is the result of.
+  struct Of {
+    MadeWith made_with;
+    std::array<double, 3> origin_W;
+    std::int32_t margin_voxels;
+    const std::vector<std::uint32_t>& first_ids;  ///< as in RollingManifest
+    const std::vector<double>& stamps_s;
+    const TakenReturns& taken;
+  };
+  /// @param own  folder of the field
+  /// @throws OutputError "output.foreign" for a folder with the result of other steps, or with the field itself in it
+  RollingResult(const Of& of, const RollingSource& source, std::filesystem::path out, const std::filesystem::path& own);
+
+  /// Whatever an earlier call has left of it, which may be of other scans, or damaged.
+  void removeEarlier() const { removePlan(out_); }
+  /// All tiles, one in memory at a time, and then the plan. @return them
+  std::vector<Tile> write(RollingTiles& tiles, const io::WriteOptions& files) const;
+
+ private:
+  [[nodiscard]] Plan planOf() const;
+  [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, const io::WriteOptions& files) const;
+  [[nodiscard]] Binned raysOf(const std::vector<Tile>& done) const;
+
+  Of of_;
+  const RollingSource& source_;
+  std::filesystem::path out_;
+  Plan plan_;
+};
+
+}  // namespace accessvdb::tiles
