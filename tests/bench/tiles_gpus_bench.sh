@@ -5,13 +5,14 @@
 # accessvdb.tiles and Dask. Prints one line per run, the efficiency T1 / (2 T2), and whether the merged files are equal.
 #   tiles_gpus_bench.sh PROGRAM WORK [COPIES] [PROCESSES_PER_GPU] [ROUNDS]
 # PROGRAM: accessvdb, with accessvdb-lab beside it; WORK: a new folder. In the environment: PYTHON, an interpreter with the modules distributed and
-# accessvdb; VOXEL and TILES, in metres.
+# accessvdb; VOXEL and TILES, in metres; PLAIN=1: by plain processes, run_tiles_plainly.py, where Dask is not installed.
 set -euo pipefail
 program=$(realpath -s "${1:?usage: tiles_gpus_bench.sh PROGRAM WORK [COPIES] [PROCESSES_PER_GPU] [ROUNDS]}")
 work=${2:?a new folder}
 copies=${3:-256} per_gpu=${4:-8} rounds=${5:-3}
 python=${PYTHON:-python3} voxel=${VOXEL:-0.02} tiles=${TILES:-10.24}
-tools=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../tools" && pwd)
+benches=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+tools=$(cd "$benches/../../tools" && pwd)
 mkdir "$work"
 cd "$work"
 export ACCESSVDB_PROGRAM=$program
@@ -26,6 +27,11 @@ echo "bin: $(awk -v a="$start" -v b="$(seconds)" 'BEGIN { printf "%.1f", b - a }
 mapped() {  # mapped GPUS CORES FOLDER: prints the seconds from the first tile to the last
   rm -rf "$3"
   cp -r planned "$3"
+  if [[ ${PLAIN:-0} == 1 ]]; then
+    taskset -c "0-$(($2 - 1))" python3 "$benches/run_tiles_plainly.py" "$program" "$3" --gpus "$1" --per-gpu "$per_gpu" --threads 2 >"$3.log"
+    sed 's/ s, .*//' "$3.log"
+    return
+  fi
   taskset -c "0-$(($2 - 1))" "$python" -m accessvdb.tiles run "$3" --gpus "$1" --per-gpu "$per_gpu" --keep-rays \
     --threads-per-worker 2 >"$3.log" 2>&1 || { tail -5 "$3.log" >&2; exit 1; }
   grep ' mapped ' "$3.log" | sed 's/^[^:]*: //' >&2
