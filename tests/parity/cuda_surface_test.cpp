@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/access_map.h"
 #include "accessvdb/region.h"
 #include "accessvdb/tool_spec.h"
 #include "parity/gpu_test.h"
