@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/access_map.h"
 #include "accessvdb/region.h"
 #include "accessvdb/tool_spec.h"
 #include "parity/gpu_test.h"
@@ -336,8 +337,8 @@ TEST(SurfaceStreams, HavePointsThatAreChosenAndLeft) {
     }
     const bool is_short = c.frames < 8;
     EXPECT_GT(beside(before), 50u);
-    EXPECT_GT(turns.chosen, is_short ? 5u : 30u);
-    EXPECT_GT(turns.left, is_short ? 5u : 30u);
+    EXPECT_GT(turns.chosen, is_short ? 5u : 20u);
+    EXPECT_GT(turns.left, is_short ? 5u : 20u);
     EXPECT_GT(before.count(PointLabel::Accessible), 50u);
     EXPECT_GT(before.count(PointLabel::Blocked), 20u);
   }

@@ -38,6 +38,7 @@ struct LeafFacts {
 /// What the updater was told since the last update, and the index of blocks as on a device.
 struct Told {
   std::vector<kernels::PointDelta> deltas;
+  std::vector<std::uint32_t> returns;  ///< of the deltas
   std::vector<kernels::PointWeight> weights, crossed;
   bool neighbours_begun = false;
   bool begun_before_update = false;
@@ -81,8 +82,9 @@ class Listener final : public kernels::ExactUpdater {
     told_.neighbours_begun = true;
   }
   void admit(const kernels::AdmitInput& input) override {
-    if (std::exchange(told_.neighbours_begun, false)) told_.deltas.clear();
+    if (std::exchange(told_.neighbours_begun, false)) told_.deltas.clear(), told_.returns.clear();
     told_.deltas.insert(told_.deltas.end(), input.deltas.begin(), input.deltas.end());
+    told_.returns.insert(told_.returns.end(), input.returns.begin(), input.returns.end());
     told_.delta_calls += input.deltas.empty() ? 0 : 1;
     told_.block_parts += input.blocks.empty() ? 0 : 1;
     told_.slots.resize(std::max<std::size_t>(told_.slots.size(), input.num_slots), kNone);
@@ -120,7 +122,8 @@ struct HostCase {
   bool rays = false;
   bool ahead = true;  ///< prepare() comes before the update
   int updates = 14, returns = 220;
-  float spread_m = 1;  ///< of a scan's returns
+  float spread_m = 1;    ///< of a scan's returns
+  double spacing_m = 0;  ///< of the points that are scored
 };
 void PrintTo(const HostCase& c, std::ostream* out) { *out << c.name; }
 
@@ -134,6 +137,7 @@ FieldParams fieldParams(const HostCase& c) {
   params.approach.num_directions = 36;
   params.scoring.neighbourhood_weight = c.neighbourhood_weight;
   params.scoring.confidence_min = c.confidence_min;
+  params.scoring.point_spacing_m = c.spacing_m;
   return params.resolved();
 }
 
@@ -170,7 +174,10 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   ScanIntegrator integrator(map);
   Told told;
-  test::ListeningBackend backend([&](const kernels::ExactTables&) { return std::make_unique<Listener>(told); });
+  test::ListeningBackend backend([&](const kernels::ExactTables& tables) {
+    EXPECT_EQ(tables.neighbours.choice.isMade(), c.spacing_m > 0);
+    return std::make_unique<Listener>(told);
+  });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions());
@@ -183,9 +190,11 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   Random random(5);
   std::set<std::uint32_t> confident;               // as told
   std::map<std::uint32_t, Eigen::Vector3f> means;  // at the last update
+  std::map<Index3, std::uint32_t> returns_of;      // voxels
   std::size_t late = 0, waiting = 0, touched_known = 0;
   for (int update = 0; update < c.updates; ++update) {
     told.deltas.clear();
+    told.returns.clear();
     std::set<std::uint32_t> touched_ids;
     std::map<Index3, LeafFacts> flips;
     for (int scan = 0; scan < c.scans_an_update; ++scan) {
@@ -200,6 +209,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       const IntegrationResult result = integrator.integrate(p, q);
       points.describeTouched(scheduler->needs().deltas);
       const TouchedPoints touched = points.addReturns(p, q);
+      for (const Eigen::Vector3f& return_L : p) ++returns_of[points.voxelOf(return_L.cast<double>().eval())];
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
       scheduler->noteChanges(p, q, {result.changes, {}});
@@ -268,6 +278,11 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       }
     }
     ASSERT_EQ(told_ids, touched_ids);
+    // How many returns they have, only if points compete.
+    ASSERT_EQ(told.returns.size(), c.spacing_m > 0 ? told.deltas.size() : 0);
+    for (std::size_t n = 0; n < told.returns.size(); ++n) {
+      ASSERT_EQ(told.returns[n], returns_of[points.voxelOf(points.first_L(told.deltas[n].id))]);
+    }
     // Neighbours are only worth finding before the update if all points came with one scan.
     ASSERT_EQ(told.begun_before_update, c.scans_an_update == 1);
     std::set<std::uint32_t> weighed;
@@ -307,8 +322,10 @@ INSTANTIATE_TEST_SUITE_P(
                              .confidence_min = 0.6},
                     HostCase{.name = "projective", .region = UpdateRegion::Projective},
                     HostCase{.name = "nothing ahead", .ahead = false},
+                    HostCase{.name = "points of the surface", .spacing_m = 0.1},
+                    HostCase{.name = "points of the surface, several scans", .scans_an_update = 2, .spacing_m = 0.1},
                     // More points, and more blocks, than are passed at a time.
-                    HostCase{.name = "a large scan", .updates = 2, .returns = 75000, .spread_m = 26},
+                    HostCase{.name = "a large scan", .updates = 2, .returns = 75000, .spread_m = 26, .spacing_m = 0.1},
                     HostCase{
                         .name = "large scans", .scans_an_update = 2, .updates = 2, .returns = 40000, .spread_m = 26}));
 
