@@ -229,7 +229,7 @@ TEST_P(CudaWaiting, PointsAreUnscoredAndTheOthersAsOnTheCpuWithoutABudget) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Streams, CudaWaiting, testing::ValuesIn(waitingCases()),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         [](const auto& test) { return std::string(test.param.name); });
 
 /// More points than are processed at a time.
 class CudaManyPoints : public GpuTest {

@@ -23,7 +23,7 @@ TEST_P(WaitingPoints, AreUnscoredAndTheOthersAsWithoutABudget) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Streams, WaitingPoints, testing::ValuesIn(waitingCases()),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         [](const auto& test) { return std::string(test.param.name); });
 
 }  // namespace
 }  // namespace accessvdb::test

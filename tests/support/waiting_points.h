@@ -17,6 +17,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/batch_query.h"
 #include "accessvdb/device_view.h"
+#include "accessvdb/tool_spec.h"
 #include "support/determinism_support.h"
 #include "support/walk_generator.h"
 

@@ -60,21 +60,25 @@ BatchQuery FieldViews::query(const ViewInputs& parts, tbb::task_arena& arena) {
 /// The view gets labels of its own: the backend keeps those that it found, which it compares with later.
 void FieldViews::withhold(const ViewInputs& parts, const kernels::PointStateView& state, DeviceView& view) {
   const std::uint32_t count = view.points.count;
-  told_.emplace(parts.backend, state, count, onHost(parts.backend), parts.withheld());
+  const bool is_new = told_revision_ != revision();  // else an earlier view shows it, too
+  if (is_new) told_.emplace(parts.backend, state, count, onHost(parts.backend), parts.withheld());
   view.points.label = told_->label;
   view.points.reason = told_->reason;
   view.points.score = told_->score;
   view.points.direction = told_->direction;
-  if (onHost(parts.backend)) return;
   const auto send = [&](auto& array, const auto*& values) {
-    array.grow(parts.backend, count, 0);
-    array.upload(values, count);
+    if (onHost(parts.backend)) return;
+    if (is_new) {
+      array.grow(parts.backend, count, 0);
+      array.upload(values, count);
+    }
     values = array.data();
   };
   send(device_labels_, view.points.label);
   send(device_reasons_, view.points.reason);
   send(device_scores_, view.points.score);
   send(device_directions_, view.points.direction);
+  told_revision_ = revision();
 }
 
 DeviceView FieldViews::view(const ViewInputs& parts, bool on_gpu) {

@@ -70,7 +70,8 @@ class FieldViews {
   std::uint64_t merged_revision_ = 0;
   void withhold(const ViewInputs& parts, const kernels::PointStateView& state, DeviceView& view);
 
-  std::optional<HostPointState> told_;  ///< of the last view, if points are withheld
+  std::optional<HostPointState> told_;  ///< of the last view with points that are withheld
+  std::optional<std::uint64_t> told_revision_;
   // The same where the view is on a GPU.
   kernels::DeviceArray<PointLabel> device_labels_;
   kernels::DeviceArray<PointReason> device_reasons_;
