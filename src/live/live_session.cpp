@@ -152,9 +152,11 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   }
   UpdateStats update() { return update(clocked ? clocked->of_scans.points() : 0); }
 
+  /// The last of a step that may throw: what it returns is not told again.
   [[nodiscard]] std::vector<SurfacePoint> takeChanged() {
+    std::vector<SurfacePoint> changed = map.takeChanged();
     news = false;
-    return map.takeChanged();
+    return changed;
   }
 
   /// Between two scans, or at the end of them.
@@ -259,13 +261,17 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     step.budget_points = clocked ? clocked->of_scans.points() : map.params().update.budget_points;
     step.scored = update();
     unscored = 0;
-    step.changed = takeChanged();
-    if (clocked) {
-      const Clock::time_point now = Clock::now(), oldest = clocked->times.oldest().value_or(now);
-      clocked->of_scans.took(millisecondsBetween(step_began, now), step.scored.score_ms, clocked->backlog > 0,
-                             millisecondsBetween(oldest, now));
-    }
     return true;
+  }
+
+  /// Ends a step with a scan that was taken.
+  void tellChanges(LiveStep& step) {
+    if (!step.budget_points) return;  // it had no update
+    step.changed = takeChanged();
+    if (!clocked) return;
+    const Clock::time_point now = Clock::now(), oldest = clocked->times.oldest().value_or(now);
+    clocked->of_scans.took(millisecondsBetween(step_began, now), step.scored.score_ms, clocked->backlog > 0,
+                           millisecondsBetween(oldest, now));
   }
 
   const LiveOptions options;
@@ -413,8 +419,11 @@ std::optional<LiveStep> LiveSession::step() {
     impl_->step_began = Clock::now();
     step.waited_ms = millisecondsBetween(arrived, impl_->step_began);
     bool taken = false;
+    LiveStatus of_map;
     try {
       taken = impl_->take(*ready, step);
+      impl_->map.tell(of_map);
+      impl_->tellChanges(step);
     } catch (...) {
       if (!std::exchange(impl_->closed, false)) impl_->leaveOutAround(ready->motion);
       const std::scoped_lock locked(impl_->lock);
@@ -424,8 +433,6 @@ std::optional<LiveStep> LiveSession::step() {
       throw;
     }
     step.latency_ms = millisecondsBetween(arrived, Clock::now());
-    LiveStatus of_map;
-    impl_->map.tell(of_map);
     const std::scoped_lock locked(impl_->lock);
     impl_->busy = false;
     impl_->tellBacklog();
