@@ -174,6 +174,8 @@ void expectOnlyWithheld(const WaitingCase& c, std::uint64_t seed, BackendKind ba
       for (std::size_t n = 0; n < told.points.size() && exact; ++n) {
         ASSERT_EQ(told.points[n].tools & ~all.points[n].tools, 0u) << n;
         ASSERT_TRUE(told.points[n].label != PointLabel::Accessible || all.points[n].label == PointLabel::Accessible);
+        // Nor is one told as blocked that a tool which waits may reach.
+        ASSERT_TRUE(told.points[n].label != PointLabel::Blocked || all.points[n].label == PointLabel::Blocked) << n;
       }
       expectToldAlike(limited, told, viewOf(limited));
       if (testing::Test::HasFatalFailure()) return;
