@@ -40,12 +40,14 @@ class WaitingModel {
     std::uint64_t withheld = 0;   ///< of them: accessible when they were last told
     std::uint64_t gone = 0;       ///< points whose surface has gone, which is told in any case: they may wait
     std::uint64_t came_back = 0;  ///< of those that wait: gone when they were last told
+    std::uint64_t beside = 0;     ///< of those that wait: beside the surface, which is not told until their turn comes
     [[nodiscard]] std::uint64_t unsure() const { return gone + came_back; }  ///< what these were is not told
     Found& operator+=(const Found& more) {
       waiting += more.waiting;
       withheld += more.withheld;
       gone += more.gone;
       came_back += more.came_back;
+      beside += more.beside;
       return *this;
     }
   };
@@ -75,11 +77,15 @@ class WaitingModel {
       ++found.waiting;
       found.withheld += last_told_[n] == Told::Accessible ? 1 : 0;
       found.came_back += last_told_[n] == Told::Gone ? 1 : 0;
+      found.beside += all.reason == PointReason::BesideSurface ? 1 : 0;
       return;
     }
     last_told_[n] = told.label == PointLabel::Accessible ? Told::Accessible : Told::Other;
     if (!exact_) return;
     ASSERT_EQ(told.label, all.label) << n << ": " << text(told) << "; " << text(all);
+    if (told.label == PointLabel::Unscored) {
+      ASSERT_EQ(told.reason, all.reason) << n << ": " << text(told) << "; " << text(all);
+    }
     if (told.label == PointLabel::Accessible) {
       ASSERT_TRUE(told.score == all.score && told.direction == all.direction && told.roll == all.roll) << n;
     }
@@ -138,17 +144,21 @@ inline std::vector<WaitingCase> waitingCases() {
     params.tsdf.voxel_size_m = voxel_size_m;
     return params;
   };
-  FieldParams full = paramsAt(0.05), paper = paramsAt(0.05), profile = FieldParams::paper(0.05);
+  FieldParams full = paramsAt(0.05), paper = paramsAt(0.05), profile = FieldParams::paper(0.05),
+              spaced = paramsAt(0.05);
   full.change.mode = ChangeMode::Full;
   paper.update.policy = UpdatePolicy::Paper;
   profile.scoring.collision_distance_m = 0;  // with the profile's, almost nothing collides at such voxels
   profile.scoring.surface_samples = 200;
+  spaced.tsdf.range_noise_m = 0.02;
+  spaced.scoring.point_spacing_m = 0.05;
   const ToolGeometry pruner = ToolGeometry::builtin("builtin:pruner"), pencil = ToolGeometry::builtin("builtin:pencil");
   return {
       {"exact", {spec(pruner, "yaw", 0)}, paramsAt(0.05)},
       {"exact_with_collisions", {spec(pruner, "yaw", 12)}, paramsAt(0.05)},
       {"full_change", {spec(armTool(), "yaw", 5)}, full},
       {"gone_and_back", {spec(armTool(), "yaw", 5)}, full, {40, 200, 90, 30}, postScans},
+      {"points_of_surface", {spec(pruner, "yaw", 12)}, spaced},
       {"narrow_orientations", {spec(pencil, "sphere:30", -1)}, paramsAt(0.05)},
       {"wide_orientations", {spec(pruner, "sphere:15", -1)}, paramsAt(0.06)},
       {"several_tools",
@@ -243,6 +253,9 @@ void expectOnlyWithheld(const WaitingCase& c, std::uint64_t seed, BackendKind ba
   // Otherwise the comparisons would prove little.
   EXPECT_GT(with_waiting, 4u);
   EXPECT_GT(ever.withheld, 50u);
+  if (c.params.scoring.point_spacing_m > 0) {
+    EXPECT_GT(ever.beside, 20u);
+  }
   if (c.scansOf != nullptr) {
     EXPECT_GT(ever.gone, 50u);
     EXPECT_GT(ever.came_back, 5u);
