@@ -154,7 +154,9 @@ struct LiveScan {
 struct LiveStep {
   std::uint64_t number = 0;  ///< of the scan: how many were published before it
   std::int64_t stamp_ns = 0;
-  /// No scan came: points that waited since this last one or earlier ones were scored (LiveOptions::budget_ms).
+  /// No scan came: points that waited since this last one or earlier ones were scored (LiveOptions::budget_ms,
+  /// UpdateParams::budget_points), or labels follow scans that were lost or failed, or are told that such a step did
+  /// not.
   bool only_backlog = false;
   /// Of the update of this step, 0: no limit. Nothing if it had none: late, or between those of update_every.
   std::optional<int> budget_points = {};
@@ -229,9 +231,9 @@ struct LiveStatus {
   bool paused = false;
   std::uint64_t resets = 0;
 
-  // With LiveOptions::budget_ms:
-  double budget_ms = 0;
-  std::uint64_t budget_points = 0;    ///< most points that the next scan's update scores
+  double budget_ms = 0;  ///< LiveOptions::budget_ms
+  // With that, or UpdateParams::budget_points:
+  std::uint64_t budget_points = 0;    ///< most points that the next scan's update scores; 0: all
   std::uint64_t backlog = 0;          ///< points that wait: unscored until their turn comes
   std::uint64_t withheld_points = 0;  ///< UpdateStats::withheld_points
   double backlog_ms = 0;              ///< since the scan came that the oldest of them waits for
@@ -279,8 +281,9 @@ class ACCESSVDB_API LiveSession {
 
   /// Waits until step() has something to do, also points that wait, at most so long. @return whether it has
   bool waitForWork(std::chrono::milliseconds at_most);
-  /// Fuses the oldest scan that has a pose, and scores what it changed. If there is none, scores points that wait.
-  /// @return nothing if no scan is ready and no point waits
+  /// Fuses the oldest scan that has a pose, and scores what it changed. If there is none, scores points that wait, and
+  /// lets labels follow what was lost.
+  /// @return nothing if no scan is ready, no point waits, and all changes were told
   /// @throws what AccessibilityField::integrateScan() and update() throw, or those of RollingField; that scan then
   ///         counts as failed
   /// @throws UnusableInput "level.no_imu", "level.moving": no scan will have a pose

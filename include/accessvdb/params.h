@@ -82,6 +82,9 @@ struct ApproachParams {
   [[nodiscard]] int directionCount() const { return orientations.count(num_directions); }
 };
 
+/// Of ScoringParams::point_spacing_m: whatever moves is compared with all points within it and the range noise.
+inline constexpr double kMostSpacing_voxels = 32;
+
 /// How a direction is scored and a point labelled (paper, "Tool kernel", "Self-exclusion", "Confidence").
 struct ScoringParams {
   double collision_distance_m = 0.0;   ///< [r_c] 0 = rule: 0.5 v
@@ -97,8 +100,9 @@ struct ScoringParams {
   double confidence_min = 0.2;          ///< [c_min] below: not scored
   /// 0: every point is scored. Above: of the points that lie along a normal's main axis within
   /// max(2 range_noise_m, this) of each other, in a cell of this edge across it, only one where the surface is; the
-  /// others are PointReason::BesideSurface. At least a voxel, at most tau; max(v, range_noise_m) is meant. Only for
-  /// UpdatePolicy::Exact, and not with ChangeMode::Full.
+  /// others are PointReason::BesideSurface. At least a voxel, at most tau and kMostSpacing_voxels; max(v,
+  /// range_noise_m) is meant. Only for UpdatePolicy::Exact, range noise of at most as many voxels, and not with
+  /// ChangeMode::Full.
   double point_spacing_m = 0.0;
 };
 

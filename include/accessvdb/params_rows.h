@@ -5,6 +5,7 @@
 /// a field of c_api.h. Rules that derive one value from others are code, in FieldParams::resolved().
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <limits>
@@ -208,7 +209,8 @@ inline constexpr auto kParamRows<ScoringParams> = std::tuple(
     paramRow<&ScoringParams::point_spacing_m, &accessvdb_params::point_spacing_m>(
         "point_spacing_m",
         [](const FieldParams& p) {
-          return ParamRange{0, p.tsdf.truncation_distance_m, "Points may be spaced by at most tau; 0 scores them all"};
+          return ParamRange{0, std::min(p.tsdf.truncation_distance_m, kMostSpacing_voxels * p.tsdf.voxel_size_m),
+                            "Points may be spaced by at most tau and 32 voxels; 0 scores them all"};
         },
         "0: every point is scored. Above: one for each cell of this edge, where the surface is."));
 

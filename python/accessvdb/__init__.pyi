@@ -684,7 +684,8 @@ class LiveStep:
     def stamp_ns(self) -> int: ...
     @property
     def only_backlog(self) -> bool:
-        """No scan came: points that waited since this last one or earlier ones were scored."""
+        """No scan came: points that waited since this last one or earlier ones were scored, or labels follow what was
+        lost."""
     @property
     def budget_points(self) -> Optional[int]:
         """Most points that its update scored, 0: no limit; None if it had no update."""

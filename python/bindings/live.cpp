@@ -223,7 +223,8 @@ void bindLive(py::module_& module) {
       .def_property_readonly("stamp_ns", [](const Step& s) { return s.done.stamp_ns; })
       .def_property_readonly(
           "only_backlog", [](const Step& s) { return s.done.only_backlog; },
-          "No scan came: points that waited since this last one or earlier ones were scored.")
+          "No scan came: points that waited since this last one or earlier ones were scored, or labels follow what was "
+          "lost.")
       .def_property_readonly(
           "budget_points", [](const Step& s) { return s.done.budget_points; },
           "Most points that its update scored, 0: no limit; None if it had no update.")

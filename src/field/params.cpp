@@ -144,6 +144,10 @@ void requireSpacing(const FieldParams& p) {
     refuse("change", "a surface that has gone would keep the points beside it from being scored",
            "Use ChangeMode::Block, or score all points");
   }
+  if (p.tsdf.range_noise_m > kMostSpacing_voxels * p.tsdf.voxel_size_m) {
+    refuse("range_noise_m", "is more than 32 voxels, and each point would be compared with all within it",
+           "Use larger voxels, or score all points");
+  }
 }
 
 void requireWindow(const FieldParams& p) {

@@ -13,6 +13,8 @@ namespace accessvdb::internal {
 /// The last latencies, of which percentiles are asked for now and then.
 class Latencies {
  public:
+  Latencies() { last_.reserve(kKept); }
+  /// Never throws.
   void add(double ms) {
     if (last_.size() < kKept) {
       last_.push_back(ms);

@@ -126,77 +126,84 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     return record;
   }
 
-  /// Budgets of updates that follow the clock, and what these left.
+  /// Budgets of updates that follow the clock.
   struct ByClock {
     internal::UpdateBudget of_scans, of_backlog;
+  };
+  /// What updates left.
+  struct Backlog {
     internal::BacklogTimes times = {};
-    std::uint64_t backlog = 0, withheld = 0, most = 0, steps = 0;
+    std::uint64_t points = 0, withheld = 0, most = 0, steps = 0;
     double longest_ms = 0;
-    std::int64_t stamp_ns = 0;  ///< of the latest scan
-    std::uint64_t number = 0;
     Clock::time_point arrived = {};  ///< the first scan since the last update
   };
 
-  /// @param budget_points  with a clock, else it is that of the map; 0: all, however long it takes
+  [[nodiscard]] int budgetOfScans() const {
+    return clocked ? clocked->of_scans.points() : map.params().update.budget_points;
+  }
+  [[nodiscard]] int budgetOfBacklog() const { return clocked ? clocked->of_backlog.points() : budgetOfScans(); }
+
+  /// @param budget_points  0: all, however long it takes; a map in tiles has no other
   UpdateStats update(int budget_points) {
-    if (!clocked) return map.update();
-    map.setBudgetPoints(budget_points);
-    const auto oldest = clocked->times.oldest();
+    if (map.rolling() == nullptr) map.setBudgetPoints(budget_points);
+    const auto oldest = backlog.times.oldest();
     const UpdateStats stats = map.update();
-    if (oldest) clocked->longest_ms = std::max(clocked->longest_ms, millisecondsBetween(*oldest, Clock::now()));
-    clocked->times.note(clocked->arrived, stats.backlog_updates);
-    clocked->backlog = stats.backlog;
-    clocked->withheld = stats.withheld_points;
-    clocked->most = std::max(clocked->most, stats.backlog);
+    unscored = 0;
+    left_out = false;
+    if (oldest) backlog.longest_ms = std::max(backlog.longest_ms, millisecondsBetween(*oldest, Clock::now()));
+    backlog.times.note(backlog.arrived, stats.backlog_updates);
+    backlog.points = stats.backlog;
+    backlog.withheld = stats.withheld_points;
+    backlog.most = std::max(backlog.most, stats.backlog);
     return stats;
   }
-  UpdateStats update() { return update(clocked ? clocked->of_scans.points() : 0); }
+  UpdateStats update() { return update(budgetOfScans()); }
 
+  /// The last of a step that may throw: what it returns is not told again.
   [[nodiscard]] std::vector<SurfacePoint> takeChanged() {
+    std::vector<SurfacePoint> changed = map.takeChanged();
     news = false;
-    return map.takeChanged();
+    return changed;
   }
 
   /// Between two scans, or at the end of them.
   LiveStep workOffBacklog() {
     const Clock::time_point begin = Clock::now();
     LiveStep step;
-    step.number = clocked->number;
-    step.stamp_ns = clocked->stamp_ns;
+    step.number = latest_number;
+    step.stamp_ns = latest_stamp_ns;
     step.only_backlog = true;
-    step.budget_points = clocked->of_backlog.points();
+    step.budget_points = budgetOfBacklog();
     step.scored = update(*step.budget_points);
-    unscored = 0;
-    ++clocked->steps;
-    clocked->of_backlog.took(millisecondsBetween(begin, Clock::now()), step.scored.score_ms, clocked->backlog > 0);
+    if (clocked)
+      clocked->of_backlog.took(millisecondsBetween(begin, Clock::now()), step.scored.score_ms, backlog.points > 0);
     // Looking through all points takes time that a scan may need; its step has those that got their labels, too. With
     // news more points may wait, and be unscored.
-    if (news || clocked->backlog == 0) step.changed = takeChanged();
+    if (news || backlog.points == 0) step.changed = takeChanged();
     step.latency_ms = millisecondsBetween(begin, Clock::now());
     return step;
   }
 
-  /// Whether a step without a scan scores points. Between the updates of update_every none does.
-  [[nodiscard]] bool backlogIsDue(bool at_end) const {
+  /// Whether there is something to score or to tell without a scan. Between the updates of update_every there is not.
+  [[nodiscard]] bool updateIsDue(bool at_end) const {
     const bool between = unscored > 0 && options.update_every > 1;
-    return clocked && unscored + clocked->backlog > 0 && (at_end || !between);
+    return left_out || ((news || backlog.points > 0) && (at_end || !between));
   }
   /// With the lock.
   void tellBacklog() {
-    backlog_is_due = backlogIsDue(false);
-    if (!clocked) return;
-    status.budget_points = static_cast<std::uint64_t>(clocked->of_scans.points());
-    status.backlog = clocked->backlog;
-    status.withheld_points = clocked->withheld;
-    status.backlog_max = clocked->most;
-    status.backlog_max_ms = clocked->longest_ms;
-    status.backlog_steps = clocked->steps;
-    oldest_due = clocked->times.oldest();
+    update_is_due = updateIsDue(false);
+    status.budget_points = static_cast<std::uint64_t>(budgetOfScans());
+    status.backlog = backlog.points;
+    status.withheld_points = backlog.withheld;
+    status.backlog_max = backlog.most;
+    status.backlog_max_ms = backlog.longest_ms;
+    status.backlog_steps = backlog.steps;
+    oldest_due = backlog.times.oldest();
   }
 
   /// @param around_W  a position that the map is near to
   void leaveOut(const internal::LostReturns& returns, const Eigen::Vector3d& around_W) {
-    news = news || !returns.empty();
+    if (!returns.empty()) news = left_out = true;
     if (returns.everywhere()) {
       map.leaveOut(std::array<Eigen::Vector3d, 1>{around_W}, internal::kFarthestReturn_m);
     } else if (!returns.empty()) {
@@ -213,7 +220,6 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     try {
       leaveOut(lost, motion.T_W_S.translation());
       static_cast<void>(update());
-      unscored = 0;
       closed = true;
     } catch (const std::exception&) {  // it is broken, and answers nothing
     }
@@ -222,7 +228,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   /// A step failed. If the field did not break, it does not know what the scan saw: everything in its range is closed.
   void leaveOutAround(const internal::SensorMotion& motion) {
     try {
-      news = true;
+      news = left_out = true;
       const double range_m = map.params().tsdf.max_range_m + motion.spread_m(0);
       map.leaveOut(std::array<Eigen::Vector3d, 1>{motion.T_W_S.translation()},
                    std::min(range_m, internal::kFarthestReturn_m));
@@ -236,16 +242,11 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     const double stamp_s = io::seconds(ready.waiting.scan.stamp_ns);
     leaveOut(ready.lost, ready.motion.T_W_S.translation());
     const auto record = posed(ready, step);
-    if (!record) {
-      if (!ready.lost.empty()) static_cast<void>(update());  // it may be the last one
-      return false;
-    }
+    if (!record) return false;
     if (!step.late) agreement.add(*record, ready.motion.T_W_B);
-    if (clocked) {
-      clocked->stamp_ns = step.stamp_ns;
-      clocked->number = step.number;
-      if (unscored == 0) clocked->arrived = ready.waiting.arrived;
-    }
+    latest_stamp_ns = step.stamp_ns;
+    latest_number = step.number;
+    if (unscored == 0) backlog.arrived = ready.waiting.arrived;
     try {
       step.fused = map.integrate(*record, stamp_s);
     } catch (...) {
@@ -256,23 +257,30 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     news = true;
     ++unscored;
     if (step.late || unscored < options.update_every) return true;
-    step.budget_points = clocked ? clocked->of_scans.points() : map.params().update.budget_points;
+    step.budget_points = budgetOfScans();
     step.scored = update();
-    unscored = 0;
-    step.changed = takeChanged();
-    if (clocked) {
-      const Clock::time_point now = Clock::now(), oldest = clocked->times.oldest().value_or(now);
-      clocked->of_scans.took(millisecondsBetween(step_began, now), step.scored.score_ms, clocked->backlog > 0,
-                             millisecondsBetween(oldest, now));
-    }
     return true;
+  }
+
+  /// Ends a step with a scan that was taken.
+  void tellChanges(LiveStep& step) {
+    if (!step.budget_points) return;  // it had no update
+    step.changed = takeChanged();
+    if (!clocked) return;
+    const Clock::time_point now = Clock::now(), oldest = backlog.times.oldest().value_or(now);
+    clocked->of_scans.took(millisecondsBetween(step_began, now), step.scored.score_ms, backlog.points > 0,
+                           millisecondsBetween(oldest, now));
   }
 
   const LiveOptions options;
   internal::LiveMap map;
   std::optional<ByClock> clocked = {};  ///< of LiveOptions::budget_ms
+  Backlog backlog;
+  std::int64_t latest_stamp_ns = 0;  ///< of the latest scan
+  std::uint64_t latest_number = 0;
   Clock::time_point step_began = {};
   std::size_t unscored = 0;  ///< scans since the last update
+  bool left_out = false;     ///< there are returns without a place since then
   bool news = false;         ///< the map changed since changed points were last looked for
   bool closed = false;       ///< what the scan saw whose step fails
   internal::LiveAgreement agreement{map.params().tsdf.range_noise_m, options.T_B_S};
@@ -281,7 +289,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   std::condition_variable arrived;
   internal::WaitingScans waiting;
   bool busy = false;  ///< a step has a scan
-  bool backlog_is_due = false;
+  bool update_is_due = false;
   std::optional<Clock::time_point> oldest_due = {};  ///< since when the oldest point waits
   LiveStatus status;                                 ///< of what was taken
   internal::Latencies latencies;
@@ -347,11 +355,9 @@ void LiveSession::reset() {
   impl.map.reset();
   impl.agreement = internal::LiveAgreement(impl.map.params().tsdf.range_noise_m, impl.options.T_B_S);
   impl.unscored = 0;
-  impl.news = false;
-  if (impl.clocked) {
-    impl.clocked->times.clear();
-    impl.clocked->backlog = impl.clocked->withheld = 0;
-  }
+  impl.left_out = impl.news = false;
+  impl.backlog.times.clear();
+  impl.backlog.points = impl.backlog.withheld = 0;
   const std::scoped_lock locked(impl.lock);
   impl.tellBacklog();
   impl.waiting.forgetTaken();
@@ -363,8 +369,8 @@ void LiveSession::reset() {
 LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
   LiveRemoval removal;
   removal.removal = impl_->map.field().removeRegion(region, as);
+  impl_->news = true;
   static_cast<void>(impl_->update(0));  // everything is asked again: else most of the map would wait, unscored
-  impl_->unscored = 0;
   removal.changed = impl_->takeChanged();
   const std::scoped_lock locked(impl_->lock);
   impl_->tellBacklog();
@@ -373,7 +379,7 @@ LiveRemoval LiveSession::removeRegion(const Region& region, RemovedAs as) {
 
 bool LiveSession::waitForWork(std::chrono::milliseconds at_most) {
   std::unique_lock locked(impl_->lock);
-  return impl_->arrived.wait_for(locked, at_most, [this] { return impl_->waiting.hasWork() || impl_->backlog_is_due; });
+  return impl_->arrived.wait_for(locked, at_most, [this] { return impl_->waiting.hasWork() || impl_->update_is_due; });
 }
 
 std::optional<LiveStep> LiveSession::step() {
@@ -389,21 +395,20 @@ std::optional<LiveStep> LiveSession::step() {
       at_end = impl_->waiting.poses().isEnd() && impl_->waiting.size() == 0;
     }
     if (!ready) {
-      if (!lost->empty()) impl_->leaveOut(*lost, impl_->map.origin_W());
-      const bool rest = !lost->empty() || (at_end && impl_->unscored > 0);
-      if (impl_->clocked && (rest || impl_->backlogIsDue(at_end))) {
-        LiveStep step = impl_->workOffBacklog();
+      std::optional<LiveStep> step;
+      try {
+        impl_->leaveOut(*lost, impl_->map.origin_W());
+        if (impl_->updateIsDue(at_end)) step = impl_->workOffBacklog();
+        if (step && impl_->latest_stamp_ns == 0 && step->changed.empty()) step.reset();  // there is no map yet
+      } catch (...) {
         const std::scoped_lock locked(impl_->lock);
-        impl_->tellBacklog();
-        return step;
+        impl_->update_is_due = false;  // the next step tries again; nobody is woken for that alone
+        throw;
       }
-      if (rest) {
-        static_cast<void>(impl_->map.update());
-        impl_->unscored = 0;
-      }
+      impl_->backlog.steps += step ? 1 : 0;
       const std::scoped_lock locked(impl_->lock);
       impl_->tellBacklog();
-      return std::nullopt;
+      return step;
     }
     LiveStep step;
     step.number = ready->waiting.number;
@@ -413,8 +418,11 @@ std::optional<LiveStep> LiveSession::step() {
     impl_->step_began = Clock::now();
     step.waited_ms = millisecondsBetween(arrived, impl_->step_began);
     bool taken = false;
+    LiveStatus of_map;
     try {
       taken = impl_->take(*ready, step);
+      impl_->map.tell(of_map);
+      impl_->tellChanges(step);
     } catch (...) {
       if (!std::exchange(impl_->closed, false)) impl_->leaveOutAround(ready->motion);
       const std::scoped_lock locked(impl_->lock);
@@ -424,8 +432,6 @@ std::optional<LiveStep> LiveSession::step() {
       throw;
     }
     step.latency_ms = millisecondsBetween(arrived, Clock::now());
-    LiveStatus of_map;
-    impl_->map.tell(of_map);
     const std::scoped_lock locked(impl_->lock);
     impl_->busy = false;
     impl_->tellBacklog();

@@ -539,10 +539,12 @@ std::vector<SurfacePoint> RollingField::takeChanged() {
     throw InvalidArgument("rolling.changes", "notes_changes", "is off, so nobody notes what changes",
                           "Set it in RollingOptions");
   }
-  std::vector<SurfacePoint> all = std::exchange(impl_->changed, {}), last;
+  std::vector<SurfacePoint>& all = impl_->changed;
+  std::vector<SurfacePoint> last;
   std::ranges::stable_sort(all, {}, &SurfacePoint::id);
   for (std::size_t n = 0; n < all.size(); ++n)
     if (n + 1 == all.size() || all[n].id != all[n + 1].id) last.push_back(all[n]);
+  all = {};  // not before nothing can fail any more: the next call has them then
   return last;
 }
 

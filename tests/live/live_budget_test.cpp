@@ -205,6 +205,58 @@ TEST(LiveBudget, GoesOnAfterResetAndRemoval) {
   expectLabelsOfFullEvaluation(session.field());
 }
 
+/// A budget that the parameters give is worked off between scans, too, and the status tells of it.
+TEST(LiveBudget, OfTheParametersIsWorkedOffWithoutAClock) {
+  constexpr int kBudget = 200;
+  const std::vector<Scan> scans = manyPoints();
+  FieldParams params = coarseParams();
+  params.update.budget_points = kBudget;
+  LiveSession session(test::armTool(), params);
+  Fed fed{AccessibilityField(test::armTool(), params)};
+  std::vector<SurfacePoint> shown;
+  std::size_t backlog_steps = 0;
+  const auto stepAndCompare = [&] {
+    const auto step = session.step();
+    if (!step) return false;
+    EXPECT_EQ(step->budget_points, kBudget);
+    fed.take(*step, scans);
+    expectSameField(session.field(), fed.field);
+    for (const SurfacePoint& point : step->changed) {
+      if (point.id >= shown.size()) shown.resize(point.id + 1);
+      shown[point.id] = point;
+    }
+    expectNothingMoreAccessible(shown, session.field());
+    backlog_steps += step->only_backlog ? 1 : 0;
+    const LiveStatus status = session.status();
+    EXPECT_EQ(status.budget_points, static_cast<std::uint64_t>(kBudget));
+    EXPECT_EQ(status.backlog, step->scored.backlog);
+    EXPECT_EQ(status.withheld_points, step->scored.withheld_points);
+    EXPECT_EQ(status.backlog_ms > 0, status.backlog > 0);
+    EXPECT_EQ(status.backlog_steps, backlog_steps);
+    return true;
+  };
+  for (std::size_t n = 0; n < scans.size() && !HasFatalFailure(); ++n) {
+    session.addPose(poseOf(scans[n], n));
+    session.addScan(scanOf(scans[n], n));
+    for (std::size_t turn = 0; turn < 2 && stepAndCompare(); ++turn) {
+    }
+    EXPECT_EQ(session.waitForWork(std::chrono::milliseconds(0)), session.status().backlog > 0);
+  }
+  EXPECT_GT(session.status().backlog, 0U) << "else nothing is left to work off";
+  while (stepAndCompare() && !HasFatalFailure()) {
+  }
+  EXPECT_EQ(fed.scans, scans.size());
+  EXPECT_GT(backlog_steps, 5U);
+  EXPECT_EQ(session.status().backlog, 0U);
+  EXPECT_FALSE(session.waitForWork(std::chrono::milliseconds(0)));
+  expectLabelsOfFullEvaluation(session.field());
+  const FieldSnapshot all = session.field().snapshot();
+  ASSERT_EQ(shown.size(), all.points.size());
+  for (std::size_t n = 0; n < shown.size(); ++n) {
+    ASSERT_TRUE(shown[n].label == all.points[n].label && shown[n].reason == all.points[n].reason) << n;
+  }
+}
+
 TEST(LiveBudget, RefusesWhatCannotBe) {
   const auto idOf = [](const LiveOptions& options, const FieldParams& params = coarseParams()) -> std::string {
     try {

@@ -72,9 +72,14 @@ TEST(LiveChoices, LabelsComeAfterEveryFewScansAndAtTheEnd) {
   EXPECT_FALSE(session.step()) << "more may come";
   expectSameField(session.field(), expected);
   session.endOfPoses();
-  EXPECT_FALSE(session.step());
+  const auto rest = session.step();
+  ASSERT_TRUE(rest);
+  EXPECT_TRUE(rest->only_backlog);
+  EXPECT_EQ(rest->stamp_ns, stampOf(scans.size() - 1));
+  EXPECT_FALSE(rest->changed.empty());
   expected.update();
   expectSameField(session.field(), expected);
+  EXPECT_FALSE(session.step());
   options.update_every = 0;
   EXPECT_THROW(LiveSession(test::armTool(), coarseParams(), options), InvalidArgument);
 }

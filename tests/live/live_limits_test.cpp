@@ -90,14 +90,19 @@ TEST(LiveLimits, WhatThereWasNoTimeForBlocks) {
     early.addScan(scanOf(scan, n));
     ASSERT_TRUE(early.step());
   }
-  ASSERT_GT(accessible(early.field()), 100U);
+  const std::size_t before = accessible(early.field());
+  ASSERT_GT(before, 100U);
   for (std::size_t n = 10; n < 15; ++n) early.addScan(scanOf(wallOrPanel(static_cast<int>(n), n == 10), n));
   EXPECT_EQ(droppedFor(early, ScanDrop::QueueFull), 1U);
   EXPECT_EQ(early.status().left_out_returns, 3600U);
   early.addPose(poseOf(wallOrPanel(0, true), 10));
   early.endOfPoses();
-  EXPECT_FALSE(early.step());
+  const auto withdrawn = early.step();
+  ASSERT_TRUE(withdrawn) << "who only sees what changed hears of it";
+  EXPECT_TRUE(withdrawn->only_backlog);
+  EXPECT_GE(withdrawn->changed.size(), before);
   EXPECT_EQ(accessible(early.field()), 0U);
+  EXPECT_FALSE(early.step());
   expectAllAccountedFor(early.status());
 
   // Without a pose nobody knows where it was: it is only counted.
@@ -128,7 +133,10 @@ TEST(LiveLimits, WhatManyScansSawBeforeTheirPosesBlocks) {
     EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), lost);
     EXPECT_EQ(session.status().all_closed, lost > 4096);
     for (std::size_t n = 0; n < 3; ++n) session.addPose(poseOf(wallOrPanel(0, true), kFirst + n));
-    EXPECT_FALSE(session.step());
+    const auto withdrawn = session.step();
+    ASSERT_TRUE(withdrawn);
+    EXPECT_TRUE(withdrawn->only_backlog);
+    EXPECT_GT(withdrawn->changed.size(), 100U);
     EXPECT_EQ(accessible(session.field()), 0U);
     // For good: not even what is seen later opens.
     session.addPose(poseOf(wallOrPanel(0, false), kFirst + lost + 40));

@@ -356,9 +356,14 @@ TEST(LiveTimes, WhatThereWasNoTimeForBlocksAlsoIfTheNextScanIsDropped) {
   send(11, 2, 3600);
   EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 1U);
   session.endOfPoses();
-  EXPECT_FALSE(session.step());
+  const auto step = session.step();
+  ASSERT_TRUE(step) << "who only sees what changed hears of it";
+  EXPECT_TRUE(step->only_backlog);
+  EXPECT_EQ(step->stamp_ns, stampOf(9));
+  EXPECT_GT(step->changed.size(), 100U);
   EXPECT_EQ(droppedFor(session, ScanDrop::Unusable), 1U) << session.status().motion;
   EXPECT_EQ(session.field().snapshot().count(PointLabel::Accessible), 0U);
+  EXPECT_FALSE(session.step());
 }
 
 }  // namespace

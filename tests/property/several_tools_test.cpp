@@ -35,6 +35,7 @@ std::vector<AccessibilityField> aloneOf(const std::vector<ToolSpec>& tools, cons
 
 bool inOrder(const SurfacePoint& a, const SurfacePoint& b, int limit_a, int limit_b) {
   const auto stage = [](const SurfacePoint& p) {
+    if (p.label == PointLabel::Unscored && p.reason == PointReason::Confidence) return 4;  // it may yet be reached
     if (p.reason == PointReason::Tool) return 3;
     if (p.reason == PointReason::Arm || p.reason == PointReason::Unknown) return 2;
     return p.reason == PointReason::Unseen ? 1 : 0;

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <ostream>
 #include <random>
@@ -35,14 +36,26 @@ class WaitingModel {
   explicit WaitingModel(bool exact) : exact_(exact) {}
 
   struct Found {
-    std::uint64_t waiting = 0;   ///< points that are not told, but without a budget they are
-    std::uint64_t withheld = 0;  ///< of them: accessible when they were last told
+    std::uint64_t waiting = 0;    ///< points that are not told, but without a budget they are
+    std::uint64_t withheld = 0;   ///< of them: accessible when they were last told
+    std::uint64_t gone = 0;       ///< points whose surface has gone, which is told in any case: they may wait
+    std::uint64_t came_back = 0;  ///< of those that wait: gone when they were last told
+    std::uint64_t beside = 0;     ///< of those that wait: beside the surface, which is not told until their turn comes
+    [[nodiscard]] std::uint64_t unsure() const { return gone + came_back; }  ///< what these were is not told
+    Found& operator+=(const Found& more) {
+      waiting += more.waiting;
+      withheld += more.withheld;
+      gone += more.gone;
+      came_back += more.came_back;
+      beside += more.beside;
+      return *this;
+    }
   };
   /// After an update. @param unlimited  the field without a budget
   [[nodiscard]] Found compare(const FieldSnapshot& limited, const FieldSnapshot& unlimited) {
     Found found;
     EXPECT_EQ(limited.points.size(), unlimited.points.size());
-    was_accessible_.resize(limited.points.size(), false);
+    last_told_.resize(limited.points.size(), Told::Other);
     for (std::size_t n = 0; n < limited.points.size() && !testing::Test::HasFatalFailure(); ++n) {
       compare(n, limited.points[n], unlimited.points[n], found);
     }
@@ -50,23 +63,66 @@ class WaitingModel {
   }
 
  private:
+  enum class Told : std::uint8_t { Other, Accessible, Gone };
+
   void compare(std::size_t n, const SurfacePoint& told, const SurfacePoint& all, Found& found) {
-    if (isUnscored(told, PointReason::Confidence) && !isUnscored(all, PointReason::Confidence)) {
-      ++found.waiting;
-      found.withheld += was_accessible_[n] ? 1 : 0;
+    ASSERT_EQ(told.reason == PointReason::Changed, all.reason == PointReason::Changed) << n << ": " << text(told);
+    if (told.reason == PointReason::Changed) {
+      ASSERT_TRUE(isUnscored(told, PointReason::Changed)) << n << ": " << text(told);
+      ++found.gone;
+      last_told_[n] = Told::Gone;
       return;
     }
-    was_accessible_[n] = told.label == PointLabel::Accessible;
+    if (isUnscored(told, PointReason::Confidence) && !isUnscored(all, PointReason::Confidence)) {
+      ++found.waiting;
+      found.withheld += last_told_[n] == Told::Accessible ? 1 : 0;
+      found.came_back += last_told_[n] == Told::Gone ? 1 : 0;
+      found.beside += all.reason == PointReason::BesideSurface ? 1 : 0;
+      return;
+    }
+    last_told_[n] = told.label == PointLabel::Accessible ? Told::Accessible : Told::Other;
     if (!exact_) return;
     ASSERT_EQ(told.label, all.label) << n << ": " << text(told) << "; " << text(all);
+    if (told.label == PointLabel::Unscored) {
+      ASSERT_EQ(told.reason, all.reason) << n << ": " << text(told) << "; " << text(all);
+    }
     if (told.label == PointLabel::Accessible) {
       ASSERT_TRUE(told.score == all.score && told.direction == all.direction && told.roll == all.roll) << n;
     }
   }
 
   bool exact_;
-  std::vector<bool> was_accessible_;
+  std::vector<Told> last_told_;
 };
+
+/// Of stats: points that are gone are told as such, whether they wait or not.
+inline void expectCounted(const WaitingModel::Found& found, const UpdateStats& stats) {
+  EXPECT_GE(stats.backlog, found.waiting);
+  EXPECT_LE(stats.backlog, found.waiting + found.gone);
+  EXPECT_GE(stats.withheld_points, found.withheld);
+  EXPECT_LE(stats.withheld_points, found.withheld + found.unsure());
+}
+
+/// A wall, a few obstacles before it, and a post that is there in scans 2 .. 7, goes, and is back from scan 16 on.
+inline std::vector<Scan> postScans(std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  std::vector<Scan> scans(22);
+  for (std::size_t s = 0; s < scans.size(); ++s) {
+    const Eigen::Vector3d sensor_W(0, uniform(random, -0.2, 0.2), uniform(random, -0.2, 0.2));
+    scans[s].T_W_S.translation() = sensor_W;
+    const bool there = (s >= 2 && s < 8) || s >= 16;
+    for (int n = 0; n < 1500; ++n) {
+      const Eigen::Vector3d ray(2, uniform(random, -0.8, 0.8) - sensor_W.y(),
+                                uniform(random, -0.5, 0.5) - sensor_W.z());
+      const double y_at_post_m = sensor_W.y() + 0.6 * ray.y();
+      double share = 1 + uniform(random, -0.005, 0.005);
+      if (n % 32 == 0) share = uniform(random, 0.65, 1);
+      if (there && std::abs(y_at_post_m + 0.2) < 0.15) share = 0.6 + uniform(random, -0.005, 0.005);
+      scans[s].points_S.push_back((share * ray).cast<float>());
+    }
+  }
+  return scans;
+}
 
 /// A field with a budget, and one without.
 struct WaitingCase {
@@ -74,6 +130,8 @@ struct WaitingCase {
   std::vector<ToolSpec> tools;
   FieldParams params;
   std::vector<int> budgets = {40, 200, 90, 0, 700, 30};  ///< one after the other
+  /// In place of a walk or a wall: things go and come back.
+  std::vector<Scan> (*scansOf)(std::uint64_t seed) = nullptr;
 };
 inline void PrintTo(const WaitingCase& c, std::ostream* out) { *out << c.name; }
 
@@ -86,16 +144,21 @@ inline std::vector<WaitingCase> waitingCases() {
     params.tsdf.voxel_size_m = voxel_size_m;
     return params;
   };
-  FieldParams full = paramsAt(0.05), paper = paramsAt(0.05), profile = FieldParams::paper(0.05);
+  FieldParams full = paramsAt(0.05), paper = paramsAt(0.05), profile = FieldParams::paper(0.05),
+              spaced = paramsAt(0.05);
   full.change.mode = ChangeMode::Full;
   paper.update.policy = UpdatePolicy::Paper;
   profile.scoring.collision_distance_m = 0;  // with the profile's, almost nothing collides at such voxels
   profile.scoring.surface_samples = 200;
+  spaced.tsdf.range_noise_m = 0.02;
+  spaced.scoring.point_spacing_m = 0.05;
   const ToolGeometry pruner = ToolGeometry::builtin("builtin:pruner"), pencil = ToolGeometry::builtin("builtin:pencil");
   return {
       {"exact", {spec(pruner, "yaw", 0)}, paramsAt(0.05)},
       {"exact_with_collisions", {spec(pruner, "yaw", 12)}, paramsAt(0.05)},
       {"full_change", {spec(armTool(), "yaw", 5)}, full},
+      {"gone_and_back", {spec(armTool(), "yaw", 5)}, full, {40, 200, 90, 30}, postScans},
+      {"points_of_surface", {spec(pruner, "yaw", 12)}, spaced},
       {"narrow_orientations", {spec(pencil, "sphere:30", -1)}, paramsAt(0.05)},
       {"wide_orientations", {spec(pruner, "sphere:15", -1)}, paramsAt(0.06)},
       {"several_tools",
@@ -145,17 +208,21 @@ void expectOnlyWithheld(const WaitingCase& c, std::uint64_t seed, BackendKind ba
   params.backend = BackendKind::Cpu;
   AccessibilityField unlimited(c.tools, params);
   std::vector<WaitingModel> models(c.tools.size(), WaitingModel(exact));
-  std::uint64_t with_waiting = 0, all_withheld = 0;
+  WaitingModel::Found ever;
+  std::uint64_t with_waiting = 0;
   std::mt19937_64 random(seed);
   WalkOptions options = shortWalk(12, 1200);
   options.seed = seed;
   const WalkGenerator walk(options);
-  const std::vector<Scan> wall = wallScans(seed, options.frames, 900);
-  std::size_t turn = 0;
-  for (int frame = 0; frame < options.frames; ++frame) {
-    SCOPED_TRACE("scan " + std::to_string(frame));
+  std::vector<Scan> scans = c.scansOf != nullptr ? c.scansOf(seed) : wallScans(seed, options.frames, 900);
+  for (int frame = 0; frame < options.frames && c.scansOf == nullptr && seed % 2 != 0; ++frame) {
     const WalkFrame walked = walk.frame(frame);
-    const Scan scan = seed % 2 == 0 ? wall[static_cast<std::size_t>(frame)] : Scan{walked.points_S, walked.T_W_S};
+    scans[static_cast<std::size_t>(frame)] = {walked.points_S, walked.T_W_S};
+  }
+  std::size_t turn = 0;
+  for (std::size_t number = 0; number < scans.size(); ++number) {
+    SCOPED_TRACE("scan " + std::to_string(number));
+    const Scan& scan = scans[number];
     for (AccessibilityField* field : {&limited, &unlimited}) field->integrateScan(scan.points_S, scan.T_W_S);
     if (random() % 4 == 0) continue;
     static_cast<void>(unlimited.update());
@@ -165,26 +232,34 @@ void expectOnlyWithheld(const WaitingCase& c, std::uint64_t seed, BackendKind ba
       WaitingModel::Found found;
       for (std::size_t k = 0; k < c.tools.size(); ++k) {
         const auto of_tool = models[k].compare(limited.toolSnapshot(k), unlimited.toolSnapshot(k));
-        found.waiting += of_tool.waiting;
-        found.withheld += of_tool.withheld;
+        found += of_tool;
         if (testing::Test::HasFatalFailure()) return;
       }
-      ASSERT_EQ(found.waiting, stats.backlog);
-      ASSERT_EQ(found.withheld, stats.withheld_points);
+      expectCounted(found, stats);
+      if (testing::Test::HasFailure()) return;
       const FieldSnapshot told = limited.snapshot(), all = unlimited.snapshot();
       for (std::size_t n = 0; n < told.points.size() && exact; ++n) {
         ASSERT_EQ(told.points[n].tools & ~all.points[n].tools, 0u) << n;
         ASSERT_TRUE(told.points[n].label != PointLabel::Accessible || all.points[n].label == PointLabel::Accessible);
+        // Nor is one told as blocked that a tool which waits may reach.
+        ASSERT_TRUE(told.points[n].label != PointLabel::Blocked || all.points[n].label == PointLabel::Blocked) << n;
       }
       expectToldAlike(limited, told, viewOf(limited));
       if (testing::Test::HasFatalFailure()) return;
       with_waiting += found.waiting > 0 ? 1 : 0;
-      all_withheld += found.withheld;
+      ever += found;
     }
   }
   // Otherwise the comparisons would prove little.
   EXPECT_GT(with_waiting, 4u);
-  EXPECT_GT(all_withheld, 50u);
+  EXPECT_GT(ever.withheld, 50u);
+  if (c.params.scoring.point_spacing_m > 0) {
+    EXPECT_GT(ever.beside, 20u);
+  }
+  if (c.scansOf != nullptr) {
+    EXPECT_GT(ever.gone, 50u);
+    EXPECT_GT(ever.came_back, 5u);
+  }
   const FieldSnapshot now = unlimited.snapshot();
   EXPECT_GT(now.count(PointLabel::Accessible), 30u);
   EXPECT_GT(now.count(PointLabel::Blocked), 30u);

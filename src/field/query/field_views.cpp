@@ -3,6 +3,7 @@
 #include "field/query/field_views.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "field/query/batch_query_impl.h"
@@ -57,28 +58,32 @@ BatchQuery FieldViews::query(const ViewInputs& parts, tbb::task_arena& arena) {
   return BatchQuery(query_);
 }
 
-/// The view gets labels of its own: the backend keeps those that it found, which it compares with later.
+/// The view gets labels of its own: the backend keeps those that it found, which it compares with later. Views of one
+/// revision share them, so that a later one leaves those before it in place.
 void FieldViews::withhold(const ViewInputs& parts, const kernels::PointStateView& state, DeviceView& view) {
-  const std::uint32_t count = view.points.count;
-  const bool is_new = told_revision_ != revision();  // else an earlier view shows it, too
-  if (is_new) told_.emplace(parts.backend, state, count, onHost(parts.backend), parts.withheld());
-  view.points.label = told_->label;
-  view.points.reason = told_->reason;
-  view.points.score = told_->score;
-  view.points.direction = told_->direction;
-  const auto send = [&](auto& array, const auto*& values) {
-    if (onHost(parts.backend)) return;
-    if (is_new) {
-      array.grow(parts.backend, count, 0);
-      array.upload(values, count);
-    }
-    values = array.data();
+  const bool on_host = onHost(parts.backend);
+  if (!told_ || told_revision_ != revision()) {
+    told_.reset();  // also if what follows throws
+    HostPointState told(parts.backend, state, view.points.count, on_host, parts.withheld());
+    if (!on_host) sendTold(parts.backend, told);
+    told_ = std::move(told);
+    told_revision_ = revision();
+  }
+  view.points.label = on_host ? told_->label : device_labels_.data();
+  view.points.reason = on_host ? told_->reason : device_reasons_.data();
+  view.points.score = on_host ? told_->score : device_scores_.data();
+  view.points.direction = on_host ? told_->direction : device_directions_.data();
+}
+
+void FieldViews::sendTold(kernels::Backend& backend, const HostPointState& told) {
+  const auto send = [&](auto& array, const auto* values) {
+    array.grow(backend, told.size, 0);
+    array.upload(values, told.size);
   };
-  send(device_labels_, view.points.label);
-  send(device_reasons_, view.points.reason);
-  send(device_scores_, view.points.score);
-  send(device_directions_, view.points.direction);
-  told_revision_ = revision();
+  send(device_labels_, told.label);
+  send(device_reasons_, told.reason);
+  send(device_scores_, told.score);
+  send(device_directions_, told.direction);
 }
 
 DeviceView FieldViews::view(const ViewInputs& parts, bool on_gpu) {

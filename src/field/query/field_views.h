@@ -69,9 +69,10 @@ class FieldViews {
   std::unique_ptr<const MergedTools> merged_;
   std::uint64_t merged_revision_ = 0;
   void withhold(const ViewInputs& parts, const kernels::PointStateView& state, DeviceView& view);
+  void sendTold(kernels::Backend& backend, const HostPointState& told);
 
-  std::optional<HostPointState> told_;  ///< of the last view with points that are withheld
-  std::optional<std::uint64_t> told_revision_;
+  std::optional<HostPointState> told_;  ///< of the last view in which points are withheld
+  std::uint64_t told_revision_ = 0;
   // The same where the view is on a GPU.
   kernels::DeviceArray<PointLabel> device_labels_;
   kernels::DeviceArray<PointReason> device_reasons_;

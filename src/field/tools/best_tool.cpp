@@ -32,13 +32,19 @@ bool cameCloser(const ToolVerdict& a, const ToolVerdict& b) {
   return std::uint32_t{a.score} * b.collision_limit < std::uint32_t{b.score} * a.collision_limit;
 }
 
+/// What it would say is not known.
+bool isOpen(const ToolVerdict& tool) {
+  return tool.label == PointLabel::Unscored && tool.reason == PointReason::Confidence;
+}
+
 }  // namespace
 
 std::size_t bestTool(std::span<const ToolVerdict> tools) {
   std::size_t closest = 0;
   for (std::size_t k = 0; k < tools.size(); ++k) {
     if (tools[k].label == PointLabel::Accessible) return k;
-    if (cameCloser(tools[k], tools[closest])) closest = k;
+    if (isOpen(tools[closest])) continue;  // the first of those that may yet reach it
+    if (isOpen(tools[k]) || cameCloser(tools[k], tools[closest])) closest = k;
   }
   return closest;
 }

@@ -22,8 +22,9 @@ struct ToolVerdict {
   std::uint16_t collision_limit = 1;  ///< [n_c] of the tool
 };
 
-/// The first tool that reaches the point; if none does, the one that came closest: by the stage at which it failed,
-/// then by its collisions as a multiple of its limit, then by the order of the tools.
+/// The first tool that reaches the point. If none does, the first for which it is unscored for want of confidence, as
+/// where it waits: that tool may reach it. Else the one that came closest: by the stage at which it failed, then by its
+/// collisions as a multiple of its limit, then by the order of the tools.
 [[nodiscard]] std::size_t bestTool(std::span<const ToolVerdict> tools);
 
 /// The points of one tool each, as those of the best tool.

@@ -48,6 +48,15 @@ TEST(BestTool, IsTheFirstWhereNothingIsKnown) {
   EXPECT_EQ(best({unscored, unscored}), 0u);
 }
 
+/// Else a point would be told as blocked that a tool may reach.
+TEST(BestTool, IsOneThatMayYetReachBeforeOneThatDoesNot) {
+  const ToolVerdict waits = {PointLabel::Unscored, PointReason::Confidence, kNoScore, 10};
+  EXPECT_EQ(best({waits, collides(11, 10)}), 0u);
+  EXPECT_EQ(best({collides(11, 10), stopped(PointReason::Arm), waits, collides(1, 1), waits}), 2u);
+  EXPECT_EQ(best({collides(11, 10), waits, reaches(9)}), 2u);
+  EXPECT_EQ(best({reaches(9), waits}), 0u);
+}
+
 TEST(PointOfTools, HasABitForEachThatReaches) {
   std::vector<SurfacePoint> tools(32);
   for (SurfacePoint& point : tools) point.label = PointLabel::Blocked;

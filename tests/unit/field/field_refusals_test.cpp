@@ -42,6 +42,15 @@ TEST(FieldRefusals, FewerPointsWhereEveryOneIsScored) {
   for (const FieldParams& given : {full, paper, profile}) EXPECT_EQ(refused(given).id, "config.points");
   params.scoring.point_spacing_m = 1;
   EXPECT_EQ(refused(params).subject, "point_spacing_m");
+  // However wide the band around a surface is.
+  params.tsdf.truncation_distance_m = 1;
+  EXPECT_EQ(refused(params).subject, "point_spacing_m");
+  params.scoring.point_spacing_m = 0.33;
+  EXPECT_EQ(refused(params).subject, "point_spacing_m");
+  params.scoring.point_spacing_m = 0.32;
+  params.tsdf.range_noise_m = 0.33;
+  EXPECT_EQ(refused(params).subject, "range_noise_m");
+  params.tsdf = {};
   params.scoring.point_spacing_m = 0.001;  // below a voxel
   const AccessibilityField field(pencil(), params);
   EXPECT_EQ(field.params().scoring.point_spacing_m, 0.01);
