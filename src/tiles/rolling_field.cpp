@@ -58,9 +58,9 @@ void add(const FrameStats& of_tile, FrameStats& stats) {
 }  // namespace
 
 struct ACCESSVDB_PRIVATE RollingField::Impl {
-  /// @param resumed  whether the folder is that of an earlier field
+  /// @param resumed  of an earlier field's folder: that nobody else has it
   Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
-       const TableProgress& progress, bool resumed)
+       const TableProgress& progress, std::optional<tiles::FolderInUse> resumed = {})
       : tools(namedTools(std::move(given_tools))),
         params(toolParams(tools.front(), given).resolved()),
         options(std::move(given_options)),
@@ -74,9 +74,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         tiles(tools, given, std::move(tables), options.folder, {memory_limit_bytes, options.device_limit_bytes},
               tile_voxels, options.notes_changes) {
     tiles::requireRolling(params, options, margins);
-    if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
-    tiles::prepareRollingFolder(options.folder);
-    in_use = tiles::FolderInUse(options.folder);
+    in_use = resumed ? *std::move(resumed) : tiles::takeNewFolder(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
     if (std::isfinite(params.change.free_for_s)) generations.emplace(params.change.free_for_s);
     if (!resumed) checkpoint("");  // from now on what a process leaves that is killed is known to be ours
@@ -470,7 +468,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                            const TableProgress& progress)
-    : impl_(std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, false)) {}
+    : impl_(std::make_unique<Impl>(std::move(tools), params, std::move(options), progress)) {}
 RollingField::RollingField() = default;
 RollingField::~RollingField() = default;
 RollingField::RollingField(RollingField&&) noexcept = default;
@@ -566,9 +564,12 @@ RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams
                                   const TableProgress& progress) {
   const fs::path folder = options.folder;
   RollingField field;
+  tiles::requireManifest(folder);  // nothing is made where there is none
+  // Before it is read: another field may be writing its last checkpoint.
+  tiles::FolderInUse in_use = tiles::takeFolder(folder);
   tiles::readManifest(folder, [&](const tiles::Json& json) {
     if (options.tile_voxels == 0) options.tile_voxels = tiles::tileVoxelsOf(json);
-    field.impl_ = std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, true);
+    field.impl_ = std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, std::move(in_use));
     field.impl_->restore(tiles::manifestFrom(json, folder, field.impl_->madeWith()));
   });
   return field;

@@ -48,13 +48,16 @@ void writeManifest(const fs::path& folder, const RollingManifest& manifest, cons
   writeJson(folder / kRollingManifest, json);
 }
 
-void readManifest(const fs::path& folder, const std::function<void(const Json& json)>& take) {
+void requireManifest(const fs::path& folder) {
   const fs::path file = folder / kRollingManifest;
-  if (!io::isThere(file)) {
-    throw InputError("rolling.missing", file.string(), "is not there",
-                     "Name the folder of an earlier run, or start without resuming");
-  }
-  readJson(file, "rolling", take);
+  if (io::isThere(file)) return;
+  throw InputError("rolling.missing", file.string(), "is not there",
+                   "Name the folder of an earlier run, or start without resuming");
+}
+
+void readManifest(const fs::path& folder, const std::function<void(const Json& json)>& take) {
+  requireManifest(folder);
+  readJson(folder / kRollingManifest, "rolling", take);
 }
 
 std::int32_t tileVoxelsOf(const Json& json) { return json.at("tile_voxels").get<std::int32_t>(); }

@@ -51,6 +51,8 @@ struct RollingManifest {
 
 /// @throws OutputError where that cannot be seen
 [[nodiscard]] bool hasManifest(const std::filesystem::path& folder);
+/// @throws InputError "rolling.missing"
+void requireManifest(const std::filesystem::path& folder);
 /// Whole or not at all. @throws OutputError
 void writeManifest(const std::filesystem::path& folder, const RollingManifest& manifest, const MadeWith& made_with);
 /// @param take  what it throws of nlohmann::json makes the manifest a damaged one

@@ -54,15 +54,23 @@ std::uint64_t tileLimit(const RollingOptions& options) {
 }
 
 /// What is advised elsewhere is for the folder of the result.
-void prepareRollingFolder(const fs::path& folder) {
+FolderInUse takeFolder(const fs::path& folder) {
   try {
     io::prepareOutputFolder(folder);
+    return FolderInUse(folder);
   } catch (const OutputError& error) {
     throw OutputError(
         error.id(), error.subject(), error.problem(),
         std::string(error.id() == "output.locked" ? "Wait for its end" : "Check its permissions and the disk") +
             ", or choose another folder for the tiles");
   }
+}
+
+FolderInUse takeNewFolder(const fs::path& folder) {
+  FolderInUse::requireEmpty(folder);  // first: nothing is written beside what is the user's
+  FolderInUse in_use = takeFolder(folder);
+  FolderInUse::requireEmpty(folder);  // another field may have begun, and ended, since
+  return in_use;
 }
 
 /// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of

@@ -193,6 +193,22 @@ TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {
   EXPECT_TRUE(contentOf(folder_ / "out/field.json") == contentOf(folder_ / "out2/field.json"));
 }
 
+/// What another run is about to replace is not read.
+TEST_F(RollingMap, WaitsForTheFolderBeforeItReads) {
+  writeRollingWorld({.scans = 2}, folder_);
+  fs::create_directories(folder_ / "roll");
+  writeText("roll/rolling.json", "[]");
+  const std::vector<std::string> resumed = rolling({"--out", path("out"), "--resume", path("roll")});
+  {
+    const FolderOfAnother another(folder_ / "roll");
+    const ProgramResult locked = runProgram(resumed);
+    EXPECT_EQ(locked.exit_code, 7) << locked.err;
+    EXPECT_NE(locked.err.find("output.locked"), std::string::npos) << locked.err;
+  }
+  const ProgramResult damaged = runProgram(resumed);
+  EXPECT_EQ(damaged.exit_code, 3) << damaged.err;
+}
+
 TEST_F(RollingMap, LeavesForeignFoldersAlone) {
   writeRollingWorld({.scans = 3}, folder_);
   fs::create_directories(folder_ / "roll");

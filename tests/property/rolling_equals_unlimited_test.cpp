@@ -13,6 +13,7 @@
 #include <memory>
 #include <random>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
@@ -463,6 +464,7 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   };
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), {.folder = scratch / "elsewhere"}), "rolling.missing");
+  EXPECT_FALSE(std::filesystem::exists(scratch / "elsewhere"));
   FieldParams params = paramsOf(test);
   params.tsdf.range_noise_m = 0.02;
   EXPECT_EQ(refused(toolsOf(test), params, options), "rolling.changed");
@@ -500,6 +502,30 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   manifest[manifest.size() / 2] = static_cast<char>(manifest[manifest.size() / 2] ^ 1);
   writeBytes(options.folder / "rolling.json", manifest);
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "rolling.damaged");
+}
+
+/// A field that is about to end, and one that goes on in its folder.
+TEST(RollingResume, ReadsNothingBeforeTheFolderIsItsOwn) {
+  const Case test = {.name = "late", .seed = 17};
+  const ScratchFolder scratch;
+  const RollingOptions options = {.folder = scratch / "states"};
+  auto ends = std::make_unique<RollingField>(toolsOf(test), paramsOf(test), options);
+  for (const Step& step : walk(test, 4)) integrate(*ends, step, 0);
+  ends->checkpoint("before");
+  const auto end = [&] {
+    ends->checkpoint("last");
+    ends.reset();
+  };
+  const TableProgress while_it_begins = [&](std::size_t, std::size_t) {
+    if (ends) std::thread(end).join();  // not on a thread of the tables
+  };
+  try {
+    EXPECT_EQ(RollingField::resume(toolsOf(test), paramsOf(test), options, while_it_begins).note(), "last");
+  } catch (const OutputError& error) {
+    EXPECT_EQ(error.id(), "output.locked");
+  }
+  if (ends) end();
+  EXPECT_EQ(RollingField::resume(toolsOf(test), paramsOf(test), options).note(), "last");
 }
 
 /// A folder that takes no more files: the step is refused before anything changes, and can be repeated.
