@@ -233,6 +233,7 @@ TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
                                                                 {"--sequence", "1"},
                                                                 {"--remove", "box:0,0,0,1,1,1"},
                                                                 {"--resume", path("else")},
+                                                                {"--fresh", "--resume", path("roll")},
                                                                 {"--checkpoint", path("cp")},
                                                                 {"--keep-rays"},
                                                                 {"--bin-memory", "64M"},
@@ -258,6 +259,7 @@ TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
   EXPECT_EQ(kept.exit_code, 7) << kept.err;
   const std::string plan = readText("out/plan.json");
   EXPECT_EQ(runProgram(rolling({"--out", path("out"), "--fresh"})).exit_code, 7);
+  EXPECT_EQ(runProgram(rolling({"--out", path("out"), "--fresh", "--resume", path("roll")})).exit_code, 2);
   EXPECT_EQ(readText("out/plan.json"), plan) << "nothing is deleted for a run that is refused";
   for (const char* flag : {"--resume", "--checkpoint"}) {
     const ProgramResult other = runProgram(arguments({"--out", path("one"), flag, path("roll")}));

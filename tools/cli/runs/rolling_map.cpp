@@ -42,6 +42,7 @@ std::optional<std::string> whyNotRollingMap(const MapOptions& options, const Fie
   if (!options.survey.carry.empty()) return "--carry needs a map in one piece, or --tiles";
   if (options.survey.index) return "--index needs a map in one piece, or --tiles";
   if (options.keep_rays || !options.bin_memory.empty()) return "--keep-rays and --bin-memory are for --tiles";
+  if (options.fresh && !options.resume.empty()) return "--fresh deletes the result, and --resume goes on from it";
   if (options.mirror_distance) return "--mirror-distance is for maps in one piece";
   if (!options.removed_as.empty() && options.removed_as != MapOptions().removed_as)
     return "--removed-as is for --remove";
