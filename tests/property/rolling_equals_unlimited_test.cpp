@@ -318,6 +318,45 @@ TEST(RollingLimit, IsSaidWhereItIsReached) {
   EXPECT_GT(before, 0U);
 }
 
+/// More was lost than anybody keeps track of: nothing is accessible any more, wherever in the world the map lies, and
+/// whether the tiles come before it or after.
+TEST(RollingLimit, OfWhatIsLostClosesEverything) {
+  const Case test = {.name = "all_closed", .seed = 18};
+  std::vector<Step> steps = walk(test, 12);
+  const Eigen::Vector3d utm_m(500'000, 5'400'000, 120);
+  for (Step& step : steps) {
+    for (Eigen::Vector3d& p_W : step.points_W) p_W += utm_m;
+    for (Eigen::Vector3d& q_W : step.sensors_W) q_W += utm_m;
+  }
+  const std::vector<Eigen::Vector3d> lost_W((std::size_t{1} << 20) + 1, utm_m + Eigen::Vector3d(5000, 0, 0));
+  const auto accessible = [](RollingField& field) {
+    field.update();
+    return field.snapshot().accessible().size();
+  };
+  for (const std::size_t lost_before : {0, 6, 12}) {
+    SCOPED_TRACE(lost_before);
+    const ScratchFolder scratch;
+    const RollingOptions options = {.folder = scratch / "states", .tile_voxels = kTile_voxels};
+    {
+      RollingField field(toolsOf(test), paramsOf(test), options);
+      for (std::size_t n = 0; n < steps.size(); ++n) {
+        if (n == lost_before) field.leaveOut(lost_W, 0);
+        integrate(field, steps[n], 0);
+      }
+      if (lost_before == steps.size()) {
+        EXPECT_GT(accessible(field), 100U);
+        field.leaveOut(lost_W, 0);
+      }
+      EXPECT_EQ(accessible(field), 0U);
+      EXPECT_GT(field.status().points, 1000U);
+      field.checkpoint();
+    }
+    RollingField resumed = RollingField::resume(toolsOf(test), paramsOf(test), options);
+    integrate(resumed, steps.front(), 0);
+    EXPECT_EQ(accessible(resumed), 0U);
+  }
+}
+
 internal::VoxelColumnBox coreOf(const std::string& tile) {
   return internal::coreOf(tiles::TileId::parse(tile).window(kTile_voxels));
 }
