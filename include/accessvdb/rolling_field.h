@@ -29,6 +29,10 @@
 
 namespace accessvdb {
 
+namespace internal {
+class LiveMap;
+}  // namespace internal
+
 struct RollingOptions {
   /// Where tiles go that leave memory. It may not exist yet, or be empty.
   std::filesystem::path folder;
@@ -137,7 +141,11 @@ class ACCESSVDB_API RollingField {
                                  const RollingSource& source = {});
 
  private:
+  friend class internal::LiveMap;
   RollingField();
+  /// From the frame of the poses to that of the map, where a LiveSession turns them: kept with each checkpoint.
+  [[nodiscard]] const std::optional<Eigen::Matrix3d>& levelling() const;
+  void setLevelling(const std::optional<Eigen::Matrix3d>& R_L_W);
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

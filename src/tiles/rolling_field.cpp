@@ -394,6 +394,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     const Eigen::Vector3d& origin_W = gate.origin_W();
     if (gate.hasOrigin()) manifest.origin_W = {origin_W.x(), origin_W.y(), origin_W.z()};
     manifest.latest_s = clock.latest_s();
+    if (levelling) std::copy_n(levelling->data(), 9, manifest.levelling.emplace().begin());
     return manifest;
   }
   void restore(const tiles::RollingManifest& manifest) {
@@ -414,6 +415,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     stamps_s = manifest.stamps_s;
     note = manifest.note;
     taken = manifest.taken;
+    if (manifest.levelling) levelling = Eigen::Matrix3d(manifest.levelling->data());
     if (manifest.latest_s) clock = internal::FieldClock(*manifest.latest_s);
     if (manifest.origin_W) {
       gate.restoreOrigin(Eigen::Vector3d(manifest.origin_W->data()));
@@ -455,8 +457,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
   bool memory_short = false, whole = true;
   double fitting_range_m = 0;
-  tiles::TakenReturns taken;          ///< of all steps
-  std::string note;                   ///< of the last checkpoint
+  tiles::TakenReturns taken;  ///< of all steps
+  std::string note;           ///< of the last checkpoint
+  std::optional<Eigen::Matrix3d> levelling;
   std::vector<SurfacePoint> changed;  ///< since takeChanged()
   std::uint64_t peak_memory_bytes = 0;
   double share = 1;      ///< RollingField::tighten()
@@ -559,6 +562,9 @@ void RollingField::requireEmpty(const fs::path& folder) { tiles::FolderInUse::re
 bool RollingField::hasCheckpoint(const fs::path& folder) { return tiles::hasManifest(folder); }
 
 const std::string& RollingField::note() const { return impl_->note; }
+
+const std::optional<Eigen::Matrix3d>& RollingField::levelling() const { return impl_->levelling; }
+void RollingField::setLevelling(const std::optional<Eigen::Matrix3d>& R_L_W) { impl_->levelling = R_L_W; }
 
 RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                                   const TableProgress& progress) {

@@ -47,6 +47,7 @@ struct RollingManifest {
   Json tiles;  ///< RollingTiles::saveAll()
   std::optional<std::array<double, 3>> origin_W;
   std::optional<double> latest_s;
+  std::optional<std::array<double, 9>> levelling;  ///< RollingField::levelling(), column by column
 };
 
 /// @throws OutputError where that cannot be seen

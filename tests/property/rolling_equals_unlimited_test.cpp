@@ -534,6 +534,8 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   EXPECT_EQ(with([](auto& json) { json.erase("origin_W"); }), "rolling.damaged");
   EXPECT_EQ(with([](auto& json) { json["schema"] = 1; }), "rolling.damaged");
   EXPECT_EQ(with([](auto& json) { json["tiles"] = 3; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["levelling"] = {1, 0, 0, 0, 1, 0, 0, 0, -1}; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["levelling"] = {1, 0, 0, 0, 2, 0, 0, 0, 1}; }), "rolling.damaged");
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
   // A new field does not begin in it.
   EXPECT_THROW(RollingField(toolsOf(test), paramsOf(test), options), OutputError);
