@@ -136,7 +136,9 @@ class ACCESSVDB_API RollingField {
   [[nodiscard]] Eigen::Vector3d origin_W() const;  ///< of the local frame; set by the first scan
 
   /// Updates, and makes a folder like that of `map --tiles`: tiles/NAME/, plan.json and field.json, for
-  /// `tile merge` and whatever reads such a folder. @return its tiles @throws OutputError "output.foreign"
+  /// `tile merge` and whatever reads such a folder. Of a result of the same steps that is there, only what differs is
+  /// replaced. @return its tiles
+  /// @throws OutputError "output.foreign"; InputError "rolling.damaged" for a tile that is lost here, and whole there
   std::vector<tiles::Tile> write(const std::filesystem::path& out, const io::WriteOptions& files = {},
                                  const RollingSource& source = {});
 

@@ -632,16 +632,20 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
                                      impl_->stamps_s,
                                      impl_->taken},
                                     source, out, impl_->options.folder);
-  result.removeEarlier();
   // A tile is copied while it is written.
   if (impl_->options.process_limit_bytes > 0) impl_->tiles.tighten(impl_->own_share / 2);
   try {
     update();
   } catch (const OutputError&) {  // a tile that cannot leave is still here
   }
-  std::vector<tiles::Tile> done = result.write(impl_->tiles, files);
-  impl_->tighten();
-  return done;
+  try {
+    std::vector<tiles::Tile> done = result.write(impl_->tiles, files);
+    impl_->tighten();
+    return done;
+  } catch (...) {
+    impl_->tighten();
+    throw;
+  }
 }
 
 }  // namespace accessvdb

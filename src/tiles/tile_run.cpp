@@ -194,20 +194,10 @@ void requireRoomForTool(const Job& job, const RunLimits& limits) {
                       "Allow more memory, or use a larger voxel");
 }
 
-/// A tile that is asked for by name is made again if it was damaged, which is what errors about it advise.
-bool isAsWritten(const fs::path& out, const Tile& tile) {
-  try {
-    for (const auto& [name, sha256] : tile.sha256) openOf(out, tile, name, std::size_t{1} << 20).skipToEnd();
-    return true;
-  } catch (const InputError&) {
-    return false;
-  }
-}
-
 void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
   const Job& job = run.job;
   if (const auto tile = readTile(job.out, job.plan, id, run.whole)) {
-    if (isAsWritten(job.out, *tile)) {
+    if (isAsWritten(job.out, *tile)) {  // else it is made again, which is what errors about it advise
       done.push_back(*tile);
       return;
     }

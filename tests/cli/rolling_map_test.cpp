@@ -9,6 +9,7 @@
 
 #include "accessvdb/field_io.h"
 #include "cli/checkpoint_world.h"
+#include "cli/file_snapshot.h"
 #include "cli/program_run.h"
 #include "cli/rolling_world.h"
 
@@ -313,6 +314,39 @@ TEST_F(RollingMap, TilesOfARunThatWasCutOffAreNotTaken) {
   const ProgramResult repaired = runProgram(rolling({"--out", path("out"), "--resume", path("roll")}));
   ASSERT_EQ(repaired.exit_code, 0) << repaired.err;
   expectOnePiece("out");
+}
+
+/// Neither a disk that is full nor a state that is damaged since costs a result that is there.
+TEST_F(RollingMap, TheSameCommandLeavesAGoodResult) {
+  writeRollingWorld({.scans = 8, .step_m = 4}, folder_);
+  ASSERT_EQ(runProgram(rolling({"--out", path("out")})).exit_code, 0);
+  const auto result = [&] {
+    std::map<std::string, std::string> files = snapshotOf(folder_ / "out/tiles");
+    for (const char* name : {"out/plan.json", "out/rays.json", "out/field.json"}) files[name] = readText(name);
+    return files;
+  };
+  const std::map<std::string, std::string> good = result();
+  const std::vector<std::string> again = rolling({"--out", path("out"), "--resume", path("roll")});
+  ASSERT_EQ(runProgram(again).exit_code, 0);
+  EXPECT_EQ(result(), good) << "repeated";
+  ProgramSetup full;
+  full.arguments = again;
+  full.file_size_limit = 20'000;
+  EXPECT_NE(runProgram(full).exit_code, 0);
+  EXPECT_EQ(result(), good) << "a full disk";
+
+  std::vector<fs::path> states;
+  for (const auto& entry : fs::directory_iterator(folder_ / "roll"))
+    if (entry.path().extension() == ".state") states.push_back(entry.path());
+  std::sort(states.begin(), states.end());
+  ASSERT_GT(states.size(), 1U);
+  std::string bad = contentOf(states.front());
+  bad[bad.size() / 2] = static_cast<char>(bad[bad.size() / 2] ^ 1);
+  std::ofstream(states.front(), std::ios::binary) << bad;
+  const ProgramResult lost = runProgram(again);
+  EXPECT_EQ(lost.exit_code, 3) << lost.err;
+  EXPECT_NE(lost.err.find("rolling.damaged"), std::string::npos) << lost.err;
+  EXPECT_EQ(result(), good) << "a damaged state";
 }
 
 TEST_F(RollingMap, AnotherOriginIsRefusedAndDamageIsSaid) {
