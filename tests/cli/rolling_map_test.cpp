@@ -6,8 +6,10 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 
 #include "accessvdb/field_io.h"
+#include "accessvdb/scan_io.h"
 #include "cli/checkpoint_world.h"
 #include "cli/file_snapshot.h"
 #include "cli/program_run.h"
@@ -162,7 +164,8 @@ TEST_F(RollingMap, TakesOnScansThatFollow) {
   for (std::size_t n = 0; n < all.points.size(); ++n) {
     const SurfacePoint &a = all.points[n], &b = one.points[n];
     ASSERT_TRUE(a.position_W == b.position_W && a.label == b.label) << n;
-    if (a.label == PointLabel::Accessible) ASSERT_TRUE(a.score == b.score && a.direction == b.direction) << n;
+    if (a.label != PointLabel::Accessible) continue;
+    ASSERT_TRUE(a.score == b.score && a.direction == b.direction) << n;
   }
   EXPECT_GT(all.count(PointLabel::Accessible), 100U);
   // Without the last ones they are other scans.
@@ -189,6 +192,18 @@ TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {
   std::ofstream(folder_ / "scans/000002.pcd", std::ios::binary) << contentOf(folder_ / "scans/000001.pcd");
   expect(resumed({}), 4, "state.scans");
   std::ofstream(folder_ / "scans/000002.pcd", std::ios::binary) << scan;
+  // A note that is not whole, of whatever program.
+  const std::string manifest = readText("roll/rolling.json");
+  nlohmann::ordered_json json = nlohmann::ordered_json::parse(manifest);
+  nlohmann::ordered_json note = nlohmann::ordered_json::parse(json["note"].get<std::string>());
+  note.erase("taken_sha256");
+  json["note"] = note.dump();
+  json.erase("sha256");
+  writeText("hashed.json", json.dump());
+  json["sha256"] = io::sha256OfFile(path("hashed.json"));
+  writeText("roll/rolling.json", json.dump(2));
+  expect(resumed({}), 4, "was not made by map");
+  writeText("roll/rolling.json", manifest);
   const ProgramResult unchanged = resumed({});
   EXPECT_EQ(unchanged.exit_code, 0) << unchanged.err;
   EXPECT_TRUE(contentOf(folder_ / "out/field.json") == contentOf(folder_ / "out2/field.json"));

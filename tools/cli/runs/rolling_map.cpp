@@ -140,15 +140,16 @@ class RollingRun {
     RunProgress before;
     Reading reading;
     std::string taken_sha256;
+    bool of_map = true;
     try {
       const nlohmann::ordered_json json = nlohmann::ordered_json::parse(field.note());
       before = progressFrom(json);
       reading = readingFrom(json);
       json.at(kTaken).get_to(taken_sha256);
     } catch (const nlohmann::ordered_json::exception&) {
-      before.steps = std::numeric_limits<std::uint64_t>::max();
+      of_map = false;
     }
-    if (before.next_step != field.status().steps || before.next_step > before.steps) {
+    if (!of_map || before.next_step != field.status().steps || before.next_step > before.steps) {
       throw UnusableInput("rolling.changed", options_.rolling, "was not made by map: it holds other scans",
                           "Go on with what it was made by, or use another folder");
     }
