@@ -58,6 +58,12 @@ void expectSameMap(const AccessibilityField& unlimited, RollingField& rolling, c
   EXPECT_EQ(differentVoxels<openvdb::BoolGrid>(whole, merged, "cleared"), 0U);
 }
 
+std::string usedOf(const RollingStatus& now, const RollingOptions& limits) {
+  return std::to_string(now.tiles_in_memory) + " of " + std::to_string(now.tiles) + " tiles, " +
+         std::to_string(now.memory_bytes) + " of " + std::to_string(limits.memory_limit_bytes) + " bytes, on the GPU " +
+         std::to_string(now.device_bytes) + " of " + std::to_string(limits.device_limit_bytes);
+}
+
 class Rolling : public ::testing::TestWithParam<Case> {};
 
 TEST_P(Rolling, EqualsAFieldWithoutALimit) {
@@ -73,7 +79,7 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
     integrate(unlimited, steps[n], stamp_s);
     integrate(rolling, steps[n], stamp_s);
     const RollingStatus status = rolling.status();
-    ASSERT_FALSE(status.memory_short) << "step " << n;
+    ASSERT_FALSE(status.memory_short) << "step " << n << ": " << usedOf(status, options);
     most_in_memory = std::max<std::size_t>(most_in_memory, status.tiles_in_memory);
     if (test.update_every == 0 || n % static_cast<std::size_t>(test.update_every) != 0) continue;
     unlimited.update();
@@ -465,7 +471,7 @@ TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
         integrate(*rolling, steps[again], 0.1 * static_cast<double>(again));
         rolling->update();
       }
-      ASSERT_FALSE(rolling->status().memory_short);
+      ASSERT_FALSE(rolling->status().memory_short) << "step " << n << ": " << usedOf(rolling->status(), options);
       ASSERT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U) << "step " << n;
     }
     EXPECT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U);
