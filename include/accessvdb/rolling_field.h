@@ -36,8 +36,8 @@ class LiveMap;
 struct RollingOptions {
   /// Where tiles go that leave memory. It may not exist yet, or be empty.
   std::filesystem::path folder;
-  /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there. 0 = no
-  /// limit. The first scan, and a nearest tile that does not fit alone, may pass it.
+  /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there, but with
+  /// what it takes on the host. 0 = no limit. The first scan, and a nearest tile that does not fit alone, may pass it.
   std::uint64_t memory_limit_bytes = 0;
   std::uint64_t device_limit_bytes = 0;  ///< of what lies on a GPU. 0 = no limit
   /// Of the whole process, which takes more than tiles count: they get what it leaves now, less 64 MiB for a step of

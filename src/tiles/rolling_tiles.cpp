@@ -39,8 +39,9 @@ void advanceTime(RollingTile& tile, const MapTime& time) {
 void RollingTile::measure() {
   const MemoryUse use = field.memoryUse();
   bytes.memory = use.map_bytes + use.point_host_bytes + ids.capacity() * sizeof ids[0] + (told ? told->bytes() : 0);
-  const std::uint64_t of_backend = use.mirror_bytes + use.distance_mirror_bytes + use.point_device_bytes;
-  (field.deviceName() == "cpu" ? bytes.memory : bytes.device) += of_backend;
+  const auto of_gpu = internal::FieldAccess::gpuUse(field);
+  bytes.memory += of_gpu ? of_gpu->host_bytes : use.mirror_bytes + use.distance_mirror_bytes + use.point_device_bytes;
+  bytes.device = of_gpu ? of_gpu->device_bytes : 0;
 }
 
 RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params,

@@ -306,6 +306,18 @@ TEST(RollingLimit, LeavesNothingOutThatFits) {
   EXPECT_EQ(rolling.status().left_out_returns, 0U);
 }
 
+/// A tile on a GPU holds two buffers of 8 MiB there, and two on the host, before it has anything else.
+TEST(RollingLimit, CountsAllThatTilesHoldOnAGpu) {
+  const Case test = {.name = "gpu", .seed = 19};
+  const ScratchFolder scratch;
+  RollingField rolling(toolsOf(test), paramsOf(test), {.folder = scratch / "states", .tile_voxels = kTile_voxels});
+  for (const Step& step : walk(test, 8)) integrate(rolling, step, 0);
+  const RollingStatus status = rolling.status();
+  if (status.device_bytes == 0) GTEST_SKIP() << "on the CPU; ACCESSVDB_TILE_DEVICE=cuda";
+  EXPECT_GT(status.device_bytes, status.tiles_in_memory * (std::uint64_t{16} << 20));
+  EXPECT_GT(status.memory_bytes, status.tiles_in_memory * (std::uint64_t{16} << 20));
+}
+
 /// Whatever is left out is said, also where it is of the nearest tile.
 TEST(RollingLimit, IsSaidWhereItIsReached) {
   const Case test = {.name = "said", .seed = 16};
