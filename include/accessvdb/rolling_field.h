@@ -39,7 +39,8 @@ struct RollingOptions {
   /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there, but with
   /// what it takes on the host. 0 = no limit. The first scan, and a nearest tile that does not fit alone, may pass it.
   std::uint64_t memory_limit_bytes = 0;
-  std::uint64_t device_limit_bytes = 0;  ///< of what lies on a GPU. 0 = no limit
+  /// Of what lies on a GPU. 0 = four fifths of what is free there as the field is made
+  std::uint64_t device_limit_bytes = 0;
   /// Of the whole process, which takes more than tiles count: they get what it leaves now, less 64 MiB for a step of
   /// scans, and leave earlier where that is too much (tighten()). 0 = no limit
   std::uint64_t process_limit_bytes = 0;

@@ -51,6 +51,8 @@ class Backend : public DeviceMemory {
   [[nodiscard]] virtual std::uint64_t peakBytes() const { return 0; }
   /// Device memory held now, mirrors included; 0 on the CPU.
   [[nodiscard]] virtual std::uint64_t heldBytes() const { return 0; }
+  /// Device memory that nobody holds now; 0 on the CPU.
+  [[nodiscard]] virtual std::uint64_t freeBytes() const { return 0; }
   /// Host memory held for transfers of mirrors and scores; 0 on the CPU.
   [[nodiscard]] virtual std::uint64_t pinnedBytes() const { return 0; }
   [[nodiscard]] virtual std::unique_ptr<MirrorArena> makeArena() = 0;

@@ -67,12 +67,13 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         memory_limit_bytes(tiles::tileLimit(options)),
         tables(std::make_unique<internal::SharedTables>()),
         margins(tiles::marginsFrom(tables->makeAll(tools, given, progress))),
+        device_limit_bytes(tiles::deviceLimit(options, tables->freeDeviceBytes(), tables->deviceBytes())),
         tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : tiles::edgeSideBySide(margins, params)),
         gate(params.tsdf, given.origin_W, std::nullopt, params.carry.size()),
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         ray_sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
-        tiles(tools, given, std::move(tables), options.folder, {memory_limit_bytes, options.device_limit_bytes},
-              tile_voxels, options.notes_changes) {
+        tiles(tools, given, std::move(tables), options.folder, {memory_limit_bytes, device_limit_bytes}, tile_voxels,
+              options.notes_changes) {
     tiles::requireRolling(params, options, margins);
     in_use = resumed ? *std::move(resumed) : tiles::takeNewFolder(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
@@ -438,6 +439,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   std::uint64_t memory_limit_bytes;                ///< of the tiles
   std::unique_ptr<internal::SharedTables> tables;  ///< until `tiles` takes it
   tiles::TileMargins margins;
+  std::uint64_t device_limit_bytes;  ///< of the tiles and their tables
   std::int32_t tile_voxels;
   internal::ScanGate gate;
   tiles::StepSorter sorter;

@@ -53,6 +53,12 @@ std::uint64_t tileLimit(const RollingOptions& options) {
   return options.memory_limit_bytes > 0 ? std::min(rest, options.memory_limit_bytes) : rest;
 }
 
+std::uint64_t deviceLimit(const RollingOptions& options, std::uint64_t free_bytes, std::uint64_t table_bytes) {
+  // The rest is for what a step takes besides, and for what the driver does.
+  return options.device_limit_bytes > 0 || free_bytes == 0 ? options.device_limit_bytes
+                                                           : table_bytes + free_bytes / 5 * 4;
+}
+
 /// What is advised elsewhere is for the folder of the result.
 FolderInUse takeFolder(const fs::path& folder) {
   try {

@@ -18,6 +18,10 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
 /// What the process has left for tiles: the rest is itself without any, and a step of scans. 0 = no limit
 /// @throws ResourceLimit "limit.memory" if that is nothing
 [[nodiscard]] std::uint64_t tileLimit(const RollingOptions& options);
+/// @param free_bytes  of the GPU, once the tables are there; 0 without one  @param table_bytes  there
+/// @return with the tables; 0 = no limit
+[[nodiscard]] std::uint64_t deviceLimit(const RollingOptions& options, std::uint64_t free_bytes,
+                                        std::uint64_t table_bytes);
 /// Keeps everybody else out of the folder from now on: what is read of it before may be out of date.
 /// @throws OutputError
 [[nodiscard]] FolderInUse takeFolder(const std::filesystem::path& folder);

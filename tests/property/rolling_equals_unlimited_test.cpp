@@ -25,6 +25,7 @@
 #include "hostdev/voxel_scale.h"
 #include "rolling_walks.h"
 #include "tiles/json_file.h"
+#include "tiles/rolling_start.h"
 
 namespace accessvdb::test {
 namespace {
@@ -304,6 +305,13 @@ TEST(RollingLimit, LeavesNothingOutThatFits) {
     EXPECT_FALSE(rolling.status().memory_short);
   }
   EXPECT_EQ(rolling.status().left_out_returns, 0U);
+}
+
+/// Without one of the caller's, the tiles leave room on a GPU for what a step takes besides.
+TEST(RollingLimit, OnAGpuIsMostOfWhatIsFreeThere) {
+  EXPECT_EQ(tiles::deviceLimit({.device_limit_bytes = 7}, 1000, 10), 7U);
+  EXPECT_EQ(tiles::deviceLimit({}, 1000, 10), 810U);
+  EXPECT_EQ(tiles::deviceLimit({}, 0, 0), 0U) << "on the CPU";
 }
 
 /// A tile on a GPU holds two buffers of 8 MiB there, and two on the host, before it has anything else.
