@@ -5,8 +5,11 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <random>
 
 #include "accessvdb/field_io.h"
 #include "accessvdb/scan_io.h"
@@ -172,6 +175,45 @@ TEST_F(RollingMap, TakesOnScansThatFollow) {
   writeText("poses.txt", poses.substr(0, end));
   move("scans", "later");
   EXPECT_EQ(resumed("out2").exit_code, 4);
+}
+
+/// A flight in one file, which grows: what counts is what it begins with.
+TEST_F(RollingMap, TakesOnWhatFollowsInTheSameFile) {
+  constexpr int kOfAStep = 20'000;
+  const auto write = [&](int steps, float shift_m) {
+    std::mt19937_64 random(3);
+    std::uniform_real_distribution<float> along(-5, 5), up(-1.5, 1.5);
+    const std::string count = std::to_string(steps * kOfAStep);
+    std::ofstream file(folder_ / "flight.pcd", std::ios::binary);
+    file << "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH " << count
+         << "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " << count << "\nDATA binary\n";
+    for (int n = 0; n < steps * kOfAStep; ++n) {
+      const float y = along(random), z = up(random);
+      const std::array<float, 3> p = {3 + 0.05F * std::sin(7 * y + 5 * z) + shift_m, y, z};
+      file.write(reinterpret_cast<const char*>(p.data()), sizeof p);
+    }
+  };
+  const auto map = [&](const std::string& out, std::vector<std::string> more) {
+    more.insert(more.end(), {"--scans", path("flight.pcd"), "--poses", "", "--sensor-at", "0,0,0",
+                             "--allow-disagreement", "--out", path(out)});
+    return runProgram(arguments(more));
+  };
+  write(2, 0);
+  const ProgramResult first = map("first", {"--rolling", path("roll")});
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  write(3, 0.01F);
+  const ProgramResult other = map("out", {"--rolling", path("roll"), "--resume", path("roll")});
+  EXPECT_EQ(other.exit_code, 4) << other.err;
+  EXPECT_NE(other.err.find("state.scans"), std::string::npos) << other.err;
+  write(3, 0);
+  const ProgramResult more = map("out", {"--rolling", path("roll"), "--resume", path("roll")});
+  ASSERT_EQ(more.exit_code, 0) << more.err;
+  EXPECT_NE(more.err.find("going on after 2 of 3 scans"), std::string::npos) << more.err;
+  ASSERT_EQ(map("one", {"--tiles", "off"}).exit_code, 0);
+  ASSERT_EQ(runProgram({"tile", "merge", path("out"), "--points", path("all.ply")}).exit_code, 0);
+  const FieldSnapshot one = io::readPointsPly(path("one/points.ply")), all = io::readPointsPly(path("all.ply"));
+  ASSERT_EQ(all.points.size(), one.points.size());
+  EXPECT_EQ(all.count(PointLabel::Accessible), one.count(PointLabel::Accessible));
 }
 
 TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {

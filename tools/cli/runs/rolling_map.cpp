@@ -162,11 +162,13 @@ class RollingRun {
     requireSameReading(resumed, reading_, more ? before.steps : sources_.scans.size());
     for (std::size_t step = 0; step < before.next_step && stopSignal() == 0; ++step)
       noteRead(sources_.scans.read(step));
-    if (stopSignal() == 0) {
+    // With more scans, files of poses, and those that hold several scans, have grown: their scans are compared instead.
+    const bool same = taken_sha256_ == taken_sha256;
+    if (stopSignal() == 0 && !(more && same)) {
       RunProgress now = progress();
-      if (more) now.poses = before.poses;  // what matters of them is in taken_sha256_
+      if (more) now.poses = before.poses;
       requireSameInputs(resumed, now);
-      if (taken_sha256_ != taken_sha256) {
+      if (!same) {
         refuseToResume("state.scans", options_.resume,
                        "its " + std::to_string(before.next_step) + " scans have other poses or times now");
       }
