@@ -177,6 +177,34 @@ TEST_F(RollingMap, TakesOnScansThatFollow) {
   EXPECT_EQ(resumed("out2").exit_code, 4);
 }
 
+/// Where each run has scans and poses of its own, an earlier result can be repaired after the flight went on.
+TEST_F(RollingMap, AnEarlierResultIsRepairedFromFilesOfItsOwn) {
+  writeRollingWorld({.scans = 12, .step_m = 4}, folder_);
+  const std::string poses = readText("poses.txt");
+  std::size_t end = 0;
+  for (int line = 0; line < 8; ++line) end = poses.find('\n', end) + 1;
+  writeText("first.txt", poses.substr(0, end));
+  fs::create_directories(folder_ / "first_scans");
+  for (int scan = 0; scan < 8; ++scan) {
+    const std::string name = "00000" + std::to_string(scan) + ".pcd";
+    fs::create_hard_link(folder_ / "scans" / name, folder_ / "first_scans" / name);
+  }
+  const std::vector<std::string> of_first = {"--scans", path("first_scans"), "--poses", path("first.txt")};
+  std::vector<std::string> more = of_first;
+  more.insert(more.end(), {"--out", path("first")});
+  ASSERT_EQ(runProgram(rolling(more)).exit_code, 0);
+  const ProgramResult later = runProgram(rolling({"--out", path("out"), "--resume", path("roll")}));
+  ASSERT_EQ(later.exit_code, 0) << later.err;
+  const std::string tile = fs::directory_iterator(folder_ / "first/tiles")->path().filename().string();
+  fs::remove_all(folder_ / "first/tiles" / tile);
+  for (const std::vector<std::string>& again :
+       {std::vector<std::string>{"tile", "bin", path("first")}, {"tile", "run", "--tile", tile, path("first")}}) {
+    const ProgramResult made = runProgram(again);
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+  }
+  expectOnePiece("first", of_first);
+}
+
 /// A flight in one file, which grows: what counts is what it begins with.
 TEST_F(RollingMap, TakesOnWhatFollowsInTheSameFile) {
   constexpr int kOfAStep = 20'000;
