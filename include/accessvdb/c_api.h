@@ -496,7 +496,7 @@ typedef struct accessvdb_rolling_options {
   int32_t tile_voxels;          ///< edge of a tile: a power of two, or 0 = rule
   const char* folder;           ///< where tiles go that leave memory. It may not exist yet, or be empty
   uint64_t memory_limit_bytes;  ///< of map, mirror and points of the tiles in memory. 0 = no limit
-  uint64_t device_limit_bytes;  ///< of what lies on a GPU. 0 = no limit
+  uint64_t device_limit_bytes;  ///< of what lies on a GPU. 0 = four fifths of what is free there
   int32_t notes_changes;        ///< 0 or 1: whether accessvdb_rolling_take_changed() will be called
   int32_t resume;  ///< 1: go on after the last checkpoint in that folder, with the same tools and parameters
 } accessvdb_rolling_options;

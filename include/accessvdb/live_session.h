@@ -101,7 +101,8 @@ struct LiveOptions {
   /// A map of any extent in bounded memory (RollingField) in place of one field. Its limits are memory_limit_bytes and
   /// device_limit_bytes of these options; notes_changes is always on.
   std::optional<RollingOptions> rolling = {};
-  bool resume = false;  ///< of `rolling`: go on after its last checkpoint
+  /// Of `rolling`: go on after its last checkpoint. What the IMU of `level` told then still counts.
+  bool resume = false;
 };
 
 /// The pose of the platform at one time.
@@ -257,7 +258,8 @@ class ACCESSVDB_API LiveSession {
  public:
   /// @throws InvalidArgument "live.queue", "live.poses", "live.window", "live.budget" (also of a rolling map, or beside
   ///         UpdateParams::budget_points), "usage.update_every"; what the constructors of
-  ///         AccessibilityField and, of LiveOptions::rolling, RollingField throw, or RollingField::resume()
+  ///         AccessibilityField and, of LiveOptions::rolling, RollingField throw, or RollingField::resume();
+  ///         UnusableInput "rolling.changed" if that map was made with another LiveOptions::level
   LiveSession(const ToolGeometry& tool, const FieldParams& params = {}, const LiveOptions& options = {});
   /// Several tools over one map, as AccessibilityField. @param progress  of the tools' tables
   explicit LiveSession(std::vector<ToolSpec> tools, const FieldParams& params = {}, const LiveOptions& options = {},
@@ -309,9 +311,6 @@ class ACCESSVDB_API LiveSession {
   [[nodiscard]] Eigen::Vector3d origin_W() const;  ///< of the local frame of the map
   /// What turns the frame of the poses into that of the map; nothing as long as it is the same, or not known yet.
   [[nodiscard]] std::optional<Eigen::Matrix3d> levelling() const;
-  /// Of a map that goes on (LiveOptions::resume): what levelling() was when it was made. The IMU is not asked again,
-  /// which would find another up, and nothing in flight. Before the first scan.
-  void setLevelling(const Eigen::Matrix3d& R_L_W);
   /// Whether the scans agree, of the latest ones that were compared (accessvdb/program/scan_agreement.h).
   [[nodiscard]] io::ScanAgreement agreement() const;
 

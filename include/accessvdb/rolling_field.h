@@ -29,13 +29,18 @@
 
 namespace accessvdb {
 
+namespace internal {
+class LiveMap;
+}  // namespace internal
+
 struct RollingOptions {
   /// Where tiles go that leave memory. It may not exist yet, or be empty.
   std::filesystem::path folder;
-  /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there. 0 = no
-  /// limit. The first scan, and a nearest tile that does not fit alone, may pass it.
+  /// Bytes of map, mirror and points of the tiles in memory (MemoryUse), on a GPU without what lies there, but with
+  /// what it takes on the host. 0 = no limit. The first scan, and a nearest tile that does not fit alone, may pass it.
   std::uint64_t memory_limit_bytes = 0;
-  std::uint64_t device_limit_bytes = 0;  ///< of what lies on a GPU. 0 = no limit
+  /// Of what lies on a GPU. 0 = four fifths of what is free there as the field is made
+  std::uint64_t device_limit_bytes = 0;
   /// Of the whole process, which takes more than tiles count: they get what it leaves now, less 64 MiB for a step of
   /// scans, and leave earlier where that is too much (tighten()). 0 = no limit
   std::uint64_t process_limit_bytes = 0;
@@ -132,12 +137,18 @@ class ACCESSVDB_API RollingField {
   [[nodiscard]] Eigen::Vector3d origin_W() const;  ///< of the local frame; set by the first scan
 
   /// Updates, and makes a folder like that of `map --tiles`: tiles/NAME/, plan.json and field.json, for
-  /// `tile merge` and whatever reads such a folder. @return its tiles @throws OutputError "output.foreign"
+  /// `tile merge` and whatever reads such a folder. Of a result of the same steps that is there, only what differs is
+  /// replaced. @return its tiles
+  /// @throws OutputError "output.foreign"; InputError "rolling.damaged" for a tile that is lost here, and whole there
   std::vector<tiles::Tile> write(const std::filesystem::path& out, const io::WriteOptions& files = {},
                                  const RollingSource& source = {});
 
  private:
+  friend class internal::LiveMap;
   RollingField();
+  /// From the frame of the poses to that of the map, where a LiveSession turns them: kept with each checkpoint.
+  [[nodiscard]] const std::optional<Eigen::Matrix3d>& levelling() const;
+  void setLevelling(const std::optional<Eigen::Matrix3d>& R_L_W);
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

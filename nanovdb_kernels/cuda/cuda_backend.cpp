@@ -105,6 +105,15 @@ class Implementation final : public CudaBackend {
   std::string name() const override { return "cuda:" + context_->name(); }
   std::uint64_t peakBytes() const override { return context_->peakBytes(); }
   std::uint64_t heldBytes() const override { return context_->bytes(); }
+  std::uint64_t freeBytes() const override {
+    const CurrentDevice current(context_->device());
+    std::size_t free = 0, all = 0;
+    ACCESSVDB_CUDA(cudaMemGetInfo(&free, &all));
+    return free;
+  }
+  std::uint64_t pinnedBytes() const override {
+    return context_->pinnedBytes() + slots_[0]->host.size() + slots_[1]->host.size();
+  }
   std::uint64_t allocations() const override { return context_->allocations(); }
   DeviceTimes lastTimes() const override { return times_; }
   void setTiming(bool on) override { timing_ = on; }

@@ -42,8 +42,7 @@ class CudaBackend : public Backend {
   virtual void setPath(SearchPath path) = 0;
   /// Returns when the device has nothing left to do.
   virtual void finish() = 0;
-  /// Bytes held now, and allocations made so far.
-  [[nodiscard]] virtual std::uint64_t heldBytes() const = 0;
+  /// Allocations made so far.
   [[nodiscard]] virtual std::uint64_t allocations() const = 0;
 };
 

@@ -49,6 +49,12 @@ class Backend : public DeviceMemory {
   [[nodiscard]] virtual std::string name() const = 0;  ///< "cpu" or "cuda:NAME"
   /// Peak device memory held at one time, as tracked by us; 0 on the CPU.
   [[nodiscard]] virtual std::uint64_t peakBytes() const { return 0; }
+  /// Device memory held now, mirrors included; 0 on the CPU.
+  [[nodiscard]] virtual std::uint64_t heldBytes() const { return 0; }
+  /// Device memory that nobody holds now; 0 on the CPU.
+  [[nodiscard]] virtual std::uint64_t freeBytes() const { return 0; }
+  /// Host memory held for transfers of mirrors and scores; 0 on the CPU.
+  [[nodiscard]] virtual std::uint64_t pinnedBytes() const { return 0; }
   [[nodiscard]] virtual std::unique_ptr<MirrorArena> makeArena() = 0;
   /// Returns once any reader can read what the mirror's arena flushed.
   virtual void waitForMirror() {}

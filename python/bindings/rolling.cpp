@@ -118,7 +118,8 @@ void bindRolling(py::module_& module) {
            py::arg("resume") = false,
            "tools: ToolSpec or ToolGeometry, up to 32. folder: new or empty; with resume that of an earlier field, "
            "which "
-           "goes on after its last checkpoint(). The limits are on what the tiles in memory hold; 0 = none.")
+           "goes on after its last checkpoint(). The limits are on what the tiles in memory hold; 0 = none, "
+           "on a GPU four fifths of what is free there.")
       .def("integrate_scan", &rollScan, py::arg("points_S"), py::arg("T_W_S"), py::kw_only(),
            py::arg("stamp_s") = py::none(), "As AccessibilityField.integrate_scan().")
       .def("integrate_rays", &rollRays, py::arg("points_W"), py::arg("origins_W"), py::kw_only(),

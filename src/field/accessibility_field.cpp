@@ -290,6 +290,13 @@ void internal::FieldAccess::visitGoneCells(AccessibilityField& field,
   field.impl_->arena.execute([&] { visit(*field.impl_->gone_cells); });
 }
 
+std::optional<internal::FieldGpuUse> internal::FieldAccess::gpuUse(const AccessibilityField& field) {
+  auto& impl = *field.impl_;
+  impl.steps.settle();
+  if (impl.backend->hasHostMemory()) return std::nullopt;
+  return FieldGpuUse{impl.backend->heldBytes(), impl.backend->pinnedBytes() + impl.mirrors.hostBytes()};
+}
+
 bool internal::FieldAccess::agesUntil(const AccessibilityField& field, double age_s) {
   const PackedMap& map = field.impl_->map;
   return map.agesFreeSpace() && map.generations()->isDue(map, age_s);

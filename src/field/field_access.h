@@ -31,6 +31,10 @@ struct FieldCounts {
   std::uint64_t point_leaves = 0;  ///< leaves with a point
 };
 
+struct FieldGpuUse {
+  std::uint64_t device_bytes = 0, host_bytes = 0;
+};
+
 struct FieldAccess {
   /// Fuses returns that passed a gate before (ScanGate), as it left them: in the local frame, metres, float32. Ranges
   /// are not checked again. @param q_L  [n] or [1] sensor positions  @param stamp_s, attributes  as for integrateScan()
@@ -65,6 +69,9 @@ struct FieldAccess {
                                                SharedTables* tables = nullptr);
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
   [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
+  /// In place of what memoryUse() says of mirrors and points in the backend's memory: all that this field holds there,
+  /// and on the host for it. Nothing on the CPU.
+  [[nodiscard]] static std::optional<FieldGpuUse> gpuUse(const AccessibilityField& field);
 
   /// AccessibilityField::whatIf() in two steps. @throws as that
   [[nodiscard]] static VoxelSet voxelsOf(const AccessibilityField& field, const Region& region);

@@ -55,6 +55,10 @@ class Mirrors {
   void takeRemoved(std::span<const LeafChange> facts, bool distances_too);
 
   [[nodiscard]] std::uint64_t factBytes() const { return facts_.usedBytes() + facts_.hostBytes(); }
+  /// Of both, the host's own copies of their topology.
+  [[nodiscard]] std::uint64_t hostBytes() const {
+    return facts_.hostBytes() + (distances_ ? distances_->hostBytes() : 0);
+  }
   [[nodiscard]] std::uint64_t distanceBytes() const {
     return distances_ ? distances_->usedBytes() + distances_->hostBytes() : 0;
   }

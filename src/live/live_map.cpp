@@ -2,10 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "live/live_map.h"
 
+#include <string>
 #include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/surface_points.h"
+#include "io/poses/levelling.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -44,6 +46,22 @@ LiveMap::Map LiveMap::make(std::vector<ToolSpec> tools, const FieldParams& param
 void LiveMap::refuseTiles() {
   throw InvalidArgument("live.rolling", "rolling", "makes a map of tiles, for which this is not possible",
                         "Use a session without rolling, or its rolling field");
+}
+
+void LiveMap::goOnLevel(const std::filesystem::path& folder, LivePoses& poses) const {
+  const RollingField* const tiles = rolling();
+  if (tiles == nullptr || tiles->status().steps == 0) return;
+  const LiveLevel& level = poses.level();
+  const std::optional<Eigen::Matrix3d>& before = tiles->levelling();
+  if (!level.isKnown() && before) return poses.setLevelling(*before);
+  if (level.isKnown() && level.R_L_W() == before) return;
+  const auto words = [](const std::optional<Eigen::Matrix3d>& R_L_W) {
+    return R_L_W ? "level " + io::levelInWords(*R_L_W) : std::string("no level");
+  };
+  throw UnusableInput("rolling.changed", folder.string(),
+                      "was made with " + words(before) + " instead of " +
+                          (level.isKnown() ? words(level.R_L_W()) : std::string("that of the IMU")),
+                      "Use what it was made with, or another folder");
 }
 
 AccessibilityField& LiveMap::field() { return one().field; }

@@ -5,6 +5,8 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <filesystem>
+#include <optional>
 #include <span>
 #include <variant>
 #include <vector>
@@ -14,6 +16,7 @@
 #include "accessvdb/rolling_field.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_spec.h"
+#include "live/live_poses.h"
 #include "points/changed_points.h"
 
 namespace accessvdb::internal {
@@ -41,6 +44,13 @@ class LiveMap {
   [[nodiscard]] Eigen::Vector3d origin_W() const;
   /// @throws InvalidArgument "live.rolling" of a rolling map
   [[nodiscard]] AccessibilityField& field();
+  /// How the poses of a rolling map are turned: kept with its checkpoints.
+  void noteLevelling(const std::optional<Eigen::Matrix3d>& R_L_W) {
+    if (RollingField* const tiles = rolling()) tiles->setLevelling(R_L_W);
+  }
+  /// Of a map that goes on, and has scans. @param poses  get the level that was measured then
+  /// @throws UnusableInput "rolling.changed" if it was turned otherwise
+  void goOnLevel(const std::filesystem::path& folder, LivePoses& poses) const;
   [[nodiscard]] RollingField* rolling() { return std::get_if<RollingField>(&map_); }
   [[nodiscard]] const RollingField* rolling() const { return std::get_if<RollingField>(&map_); }
 

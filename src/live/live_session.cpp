@@ -101,6 +101,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       clocked = ByClock{.of_scans = {options.budget_ms, first},
                         .of_backlog = {kShareOfBacklog * options.budget_ms, static_cast<int>(kShareOfBacklog * first)}};
     }
+    if (options.rolling && options.resume) map.goOnLevel(options.rolling->folder, waiting.poses());
     if (options.rolling) map.tell(status);
   }
 
@@ -386,11 +387,13 @@ std::optional<LiveStep> LiveSession::step() {
   for (;;) {
     std::optional<Ready> ready;
     std::optional<internal::LostReturns> lost;
+    std::optional<Eigen::Matrix3d> R_L_W;
     bool at_end = false;
     {
       const std::scoped_lock locked(impl_->lock);
       ready = impl_->waiting.next();
       impl_->busy = ready.has_value();
+      R_L_W = impl_->waiting.poses().level().R_L_W();
       if (!ready) lost = impl_->waiting.takeLost();
       at_end = impl_->waiting.poses().isEnd() && impl_->waiting.size() == 0;
     }
@@ -419,6 +422,7 @@ std::optional<LiveStep> LiveSession::step() {
     step.waited_ms = millisecondsBetween(arrived, impl_->step_began);
     bool taken = false;
     LiveStatus of_map;
+    impl_->map.noteLevelling(R_L_W);
     try {
       taken = impl_->take(*ready, step);
       impl_->map.tell(of_map);
@@ -480,11 +484,6 @@ std::vector<DroppedScan> LiveSession::takeDropped() {
 std::optional<Eigen::Matrix3d> LiveSession::levelling() const {
   const std::scoped_lock locked(impl_->lock);
   return impl_->waiting.poses().level().R_L_W();
-}
-
-void LiveSession::setLevelling(const Eigen::Matrix3d& R_L_W) {
-  const std::scoped_lock locked(impl_->lock);
-  impl_->waiting.poses().setLevelling(R_L_W);
 }
 
 const AccessibilityField& LiveSession::field() const { return impl_->map.field(); }

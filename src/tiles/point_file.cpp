@@ -110,6 +110,15 @@ HashedFile openOf(const std::filesystem::path& out, const Tile& tile, const std:
           cureOf(out, tile.id), block_bytes};
 }
 
+bool isAsWritten(const std::filesystem::path& out, const Tile& tile) {
+  try {
+    for (const auto& [name, sha256] : tile.sha256) openOf(out, tile, name, std::size_t{1} << 20).skipToEnd();
+    return true;
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 std::string cureOf(const std::filesystem::path& out, const TileId& id) {
   return "Make it again: tiles::run() of " + id.name() + " " + out.string();
 }

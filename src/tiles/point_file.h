@@ -56,6 +56,9 @@ struct TilePointsHeader {
 [[nodiscard]] HashedFile openOf(const std::filesystem::path& out, const Tile& tile, const std::string& name,
                                 std::size_t block_bytes);
 
+/// Whether all files that the tile's manifest names are as they were written.
+[[nodiscard]] bool isAsWritten(const std::filesystem::path& out, const Tile& tile);
+
 /// What to do about a tile whose files are not as they were written.
 [[nodiscard]] std::string cureOf(const std::filesystem::path& out, const TileId& id);
 

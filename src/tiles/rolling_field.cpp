@@ -58,25 +58,24 @@ void add(const FrameStats& of_tile, FrameStats& stats) {
 }  // namespace
 
 struct ACCESSVDB_PRIVATE RollingField::Impl {
-  /// @param resumed  whether the folder is that of an earlier field
+  /// @param resumed  of an earlier field's folder: that nobody else has it
   Impl(std::vector<ToolSpec> given_tools, const FieldParams& given, RollingOptions given_options,
-       const TableProgress& progress, bool resumed)
+       const TableProgress& progress, std::optional<tiles::FolderInUse> resumed = {})
       : tools(namedTools(std::move(given_tools))),
         params(toolParams(tools.front(), given).resolved()),
         options(std::move(given_options)),
         memory_limit_bytes(tiles::tileLimit(options)),
         tables(std::make_unique<internal::SharedTables>()),
         margins(tiles::marginsFrom(tables->makeAll(tools, given, progress))),
+        device_limit_bytes(tiles::deviceLimit(options, tables->freeDeviceBytes(), tables->deviceBytes())),
         tile_voxels(options.tile_voxels > 0 ? options.tile_voxels : tiles::edgeSideBySide(margins, params)),
         gate(params.tsdf, given.origin_W, std::nullopt, params.carry.size()),
         sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
         ray_sorter(tile_voxels, margins.returns_voxels, params.tsdf.voxel_size_m),
-        tiles(tools, given, std::move(tables), options.folder, {memory_limit_bytes, options.device_limit_bytes},
-              tile_voxels, options.notes_changes) {
+        tiles(tools, given, std::move(tables), options.folder, {memory_limit_bytes, device_limit_bytes}, tile_voxels,
+              options.notes_changes) {
     tiles::requireRolling(params, options, margins);
-    if (!resumed) tiles::FolderInUse::requireEmpty(options.folder);
-    tiles::prepareRollingFolder(options.folder);
-    in_use = tiles::FolderInUse(options.folder);
+    in_use = resumed ? *std::move(resumed) : tiles::takeNewFolder(options.folder);
     if (given.origin_W) tiles.setOrigin(*given.origin_W);
     if (std::isfinite(params.change.free_for_s)) generations.emplace(params.change.free_for_s);
     if (!resumed) checkpoint("");  // from now on what a process leaves that is killed is known to be ours
@@ -396,6 +395,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     const Eigen::Vector3d& origin_W = gate.origin_W();
     if (gate.hasOrigin()) manifest.origin_W = {origin_W.x(), origin_W.y(), origin_W.z()};
     manifest.latest_s = clock.latest_s();
+    if (levelling) std::copy_n(levelling->data(), 9, manifest.levelling.emplace().begin());
     return manifest;
   }
   void restore(const tiles::RollingManifest& manifest) {
@@ -416,6 +416,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     stamps_s = manifest.stamps_s;
     note = manifest.note;
     taken = manifest.taken;
+    if (manifest.levelling) levelling = Eigen::Matrix3d(manifest.levelling->data());
     if (manifest.latest_s) clock = internal::FieldClock(*manifest.latest_s);
     if (manifest.origin_W) {
       gate.restoreOrigin(Eigen::Vector3d(manifest.origin_W->data()));
@@ -438,6 +439,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   std::uint64_t memory_limit_bytes;                ///< of the tiles
   std::unique_ptr<internal::SharedTables> tables;  ///< until `tiles` takes it
   tiles::TileMargins margins;
+  std::uint64_t device_limit_bytes;  ///< of the tiles and their tables
   std::int32_t tile_voxels;
   internal::ScanGate gate;
   tiles::StepSorter sorter;
@@ -457,8 +459,9 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   tiles::TileBytes growth;  ///< of the tiles in memory, since the last step began
   bool memory_short = false, whole = true;
   double fitting_range_m = 0;
-  tiles::TakenReturns taken;          ///< of all steps
-  std::string note;                   ///< of the last checkpoint
+  tiles::TakenReturns taken;  ///< of all steps
+  std::string note;           ///< of the last checkpoint
+  std::optional<Eigen::Matrix3d> levelling;
   std::vector<SurfacePoint> changed;  ///< since takeChanged()
   std::uint64_t peak_memory_bytes = 0;
   double share = 1;      ///< RollingField::tighten()
@@ -470,7 +473,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
 
 RollingField::RollingField(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                            const TableProgress& progress)
-    : impl_(std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, false)) {}
+    : impl_(std::make_unique<Impl>(std::move(tools), params, std::move(options), progress)) {}
 RollingField::RollingField() = default;
 RollingField::~RollingField() = default;
 RollingField::RollingField(RollingField&&) noexcept = default;
@@ -564,13 +567,19 @@ bool RollingField::hasCheckpoint(const fs::path& folder) { return tiles::hasMani
 
 const std::string& RollingField::note() const { return impl_->note; }
 
+const std::optional<Eigen::Matrix3d>& RollingField::levelling() const { return impl_->levelling; }
+void RollingField::setLevelling(const std::optional<Eigen::Matrix3d>& R_L_W) { impl_->levelling = R_L_W; }
+
 RollingField RollingField::resume(std::vector<ToolSpec> tools, const FieldParams& params, RollingOptions options,
                                   const TableProgress& progress) {
   const fs::path folder = options.folder;
   RollingField field;
+  tiles::requireManifest(folder);  // nothing is made where there is none
+  // Before it is read: another field may be writing its last checkpoint.
+  tiles::FolderInUse in_use = tiles::takeFolder(folder);
   tiles::readManifest(folder, [&](const tiles::Json& json) {
     if (options.tile_voxels == 0) options.tile_voxels = tiles::tileVoxelsOf(json);
-    field.impl_ = std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, true);
+    field.impl_ = std::make_unique<Impl>(std::move(tools), params, std::move(options), progress, std::move(in_use));
     field.impl_->restore(tiles::manifestFrom(json, folder, field.impl_->madeWith()));
   });
   return field;
@@ -627,16 +636,20 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
                                      impl_->stamps_s,
                                      impl_->taken},
                                     source, out, impl_->options.folder);
-  result.removeEarlier();
   // A tile is copied while it is written.
   if (impl_->options.process_limit_bytes > 0) impl_->tiles.tighten(impl_->own_share / 2);
   try {
     update();
   } catch (const OutputError&) {  // a tile that cannot leave is still here
   }
-  std::vector<tiles::Tile> done = result.write(impl_->tiles, files);
-  impl_->tighten();
-  return done;
+  try {
+    std::vector<tiles::Tile> done = result.write(impl_->tiles, files);
+    impl_->tighten();
+    return done;
+  } catch (...) {
+    impl_->tighten();
+    throw;
+  }
 }
 
 }  // namespace accessvdb

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tiles/rolling_manifest.h"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -17,6 +18,11 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kManifestSchema = 2;
+
+bool isRotation(const Eigen::Matrix3d& R) {
+  constexpr double kRounding = 1e-9;
+  return (R.transpose() * R - Eigen::Matrix3d::Identity()).lpNorm<Eigen::Infinity>() < kRounding && R.determinant() > 0;
+}
 
 }  // namespace
 
@@ -45,16 +51,20 @@ void writeManifest(const fs::path& folder, const RollingManifest& manifest, cons
   if (manifest.origin_W) json["origin_W"] = *manifest.origin_W;
   if (made_with.params.change.mode == ChangeMode::Full) json["scans"] = manifest.scans;
   if (manifest.latest_s) json["latest_s"] = *manifest.latest_s;
+  if (manifest.levelling) json["levelling"] = *manifest.levelling;
   writeJson(folder / kRollingManifest, json);
 }
 
-void readManifest(const fs::path& folder, const std::function<void(const Json& json)>& take) {
+void requireManifest(const fs::path& folder) {
   const fs::path file = folder / kRollingManifest;
-  if (!io::isThere(file)) {
-    throw InputError("rolling.missing", file.string(), "is not there",
-                     "Name the folder of an earlier run, or start without resuming");
-  }
-  readJson(file, "rolling", take);
+  if (io::isThere(file)) return;
+  throw InputError("rolling.missing", file.string(), "is not there",
+                   "Name the folder of an earlier run, or start without resuming");
+}
+
+void readManifest(const fs::path& folder, const std::function<void(const Json& json)>& take) {
+  requireManifest(folder);
+  readJson(folder / kRollingManifest, "rolling", take);
 }
 
 std::int32_t tileVoxelsOf(const Json& json) { return json.at("tile_voxels").get<std::int32_t>(); }
@@ -101,11 +111,13 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   if (made_with.params.change.mode == ChangeMode::Full) json.at("scans").get_to(manifest.scans);
   if (json.contains("latest_s")) manifest.latest_s = json.at("latest_s").get<double>();
   if (json.contains("origin_W")) manifest.origin_W = json.at("origin_W").get<std::array<double, 3>>();
+  if (json.contains("levelling")) manifest.levelling = json.at("levelling").get<std::array<double, 9>>();
   const std::vector<std::uint32_t>& first_ids = manifest.first_ids;
   const bool ordered = std::is_sorted(first_ids.begin(), first_ids.end()) &&
                        (first_ids.empty() || (first_ids.front() == 0 && first_ids.back() <= manifest.points));
   if (!ordered || first_ids.size() != manifest.stamps_s.size() || (!manifest.origin_W && !manifest.tiles.empty()))
     refuseManifest(folder);
+  if (manifest.levelling && !isRotation(Eigen::Matrix3d(manifest.levelling->data()))) refuseManifest(folder);
   return manifest;
 }
 

@@ -47,10 +47,13 @@ struct RollingManifest {
   Json tiles;  ///< RollingTiles::saveAll()
   std::optional<std::array<double, 3>> origin_W;
   std::optional<double> latest_s;
+  std::optional<std::array<double, 9>> levelling;  ///< RollingField::levelling(), column by column
 };
 
 /// @throws OutputError where that cannot be seen
 [[nodiscard]] bool hasManifest(const std::filesystem::path& folder);
+/// @throws InputError "rolling.missing"
+void requireManifest(const std::filesystem::path& folder);
 /// Whole or not at all. @throws OutputError
 void writeManifest(const std::filesystem::path& folder, const RollingManifest& manifest, const MadeWith& made_with);
 /// @param take  what it throws of nlohmann::json makes the manifest a damaged one

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -12,6 +13,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/program/memory_prediction.h"
 #include "launch/stopwatch.h"
+#include "tiles/point_file.h"
 #include "tiles/ray_files.h"
 #include "tiles/tile_files.h"
 #include "tiles/tile_writer.h"
@@ -37,6 +39,16 @@ bool isOf(const Plan& plan, const fs::path& out) {
   const Plan there = readPlan(out);
   return there.id() == plan.id() && there.flights.size() == 1 &&
          there.flights.front().stamps_s == plan.flights.front().stamps_s;
+}
+
+/// A tile with all its files as they were written.
+std::optional<Tile> wholeAt(const fs::path& out, const Plan& plan, const Tile& like) {
+  try {
+    auto tile = readTile(out, plan, like.id, {like.id, like.returns, 1});
+    return tile && isAsWritten(out, *tile) ? std::move(tile) : std::nullopt;
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
 }
 
 }  // namespace
@@ -72,19 +84,43 @@ Plan RollingResult::planOf() const {
   return identified(std::move(plan));
 }
 
+bool RollingResult::isRepeat() const {
+  if (!hasPlan(out_)) return false;
+  try {
+    const auto before = binned(out_, plan_);
+    return before && std::ranges::all_of(source_.inputs, [&](const io::InputFile& input) {
+             const auto same = std::ranges::find(before->inputs, input.path, &io::InputFile::path);
+             return same == before->inputs.end() || same->sha256 == input.sha256;
+           });
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptions& files) const {
   io::prepareOutputFolder(out_);
-  removeAttempts(out_);
+  if (isRepeat()) {
+    removeAttempts(out_);
+  } else {
+    removePlan(out_);
+  }
   Status status;
-  for (const TileIndex& index : tiles.all())
-    tiles.visit(index, [&](const RollingTile& tile) { status.done.push_back(writeOne(index, tile, files)); });
+  for (const TileIndex& index : tiles.all()) {
+    tiles.visit(index, [&](const RollingTile& tile) {
+      const bool lost = std::ranges::count(tiles.lost(), TileId{index.first, index.second, {}}.name()) > 0;
+      status.done.push_back(writeOne(index, tile, lost, files));
+    });
+  }
+  removeOutdated(out_, status);
+  removeRays(out_);
   writeBinned(out_, plan_, raysOf(status.done));
   writeIndex(out_, plan_, status);
   writePlan(out_, plan_);  // last: until then nobody takes it for whole
   return std::move(status.done);
 }
 
-Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, const io::WriteOptions& files) const {
+Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
+                             const io::WriteOptions& files) const {
   const kernels::Stopwatch watch;
   Tile written;
   written.id = {index.first, index.second, {}};
@@ -98,7 +134,15 @@ Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, co
   written.seconds = watch.milliseconds() / 1000;
   written.peak_bytes = peakMemoryBytes();
   writeTile(folder.path(), plan_, written);
-  folder.putInPlace(plan_, {written.id, written.returns, 1});
+  if (const auto before = wholeAt(out_, plan_, written)) {
+    if (before->sha256 == written.sha256) return *before;
+    if (lost) {
+      throw InputError("rolling.damaged", "tile " + written.id.name(),
+                       "was damaged in the folder of the field, and is whole in " + out_.string(),
+                       "Keep that result, or choose another folder for this one");
+    }
+  }
+  folder.replace();
   return written;
 }
 

@@ -30,14 +30,17 @@ class RollingResult {
   /// @throws OutputError "output.foreign" for a folder with the result of other steps, or with the field itself in it
   RollingResult(const Of& of, const RollingSource& source, std::filesystem::path out, const std::filesystem::path& own);
 
-  /// Whatever an earlier call has left of it, which may be of other scans, or damaged.
-  void removeEarlier() const { removePlan(out_); }
-  /// All tiles, one in memory at a time, and then the plan. @return them
+  /// All tiles, one in memory at a time, and then the plan. Of a whole result that is there, a tile gives way to one
+  /// with other bytes once that is written; the rest of an earlier call goes. @return them
+  /// @throws InputError "rolling.damaged" for a tile that is lost, and whole there
   std::vector<Tile> write(RollingTiles& tiles, const io::WriteOptions& files) const;
 
  private:
   [[nodiscard]] Plan planOf() const;
-  [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, const io::WriteOptions& files) const;
+  /// Whether what is there is whole, and of files with the same content.
+  [[nodiscard]] bool isRepeat() const;
+  [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
+                              const io::WriteOptions& files) const;
   [[nodiscard]] Binned raysOf(const std::vector<Tile>& done) const;
 
   Of of_;

@@ -53,16 +53,30 @@ std::uint64_t tileLimit(const RollingOptions& options) {
   return options.memory_limit_bytes > 0 ? std::min(rest, options.memory_limit_bytes) : rest;
 }
 
+std::uint64_t deviceLimit(const RollingOptions& options, std::uint64_t free_bytes, std::uint64_t table_bytes) {
+  // The rest is for what a step takes besides, and for what the driver does.
+  return options.device_limit_bytes > 0 || free_bytes == 0 ? options.device_limit_bytes
+                                                           : table_bytes + free_bytes / 5 * 4;
+}
+
 /// What is advised elsewhere is for the folder of the result.
-void prepareRollingFolder(const fs::path& folder) {
+FolderInUse takeFolder(const fs::path& folder) {
   try {
     io::prepareOutputFolder(folder);
+    return FolderInUse(folder);
   } catch (const OutputError& error) {
     throw OutputError(
         error.id(), error.subject(), error.problem(),
         std::string(error.id() == "output.locked" ? "Wait for its end" : "Check its permissions and the disk") +
             ", or choose another folder for the tiles");
   }
+}
+
+FolderInUse takeNewFolder(const fs::path& folder) {
+  FolderInUse::requireEmpty(folder);  // first: nothing is written beside what is the user's
+  FolderInUse in_use = takeFolder(folder);
+  FolderInUse::requireEmpty(folder);  // another field may have begun, and ended, since
+  return in_use;
 }
 
 /// The largest power of two below which returns near faces of tiles are kept twice more often than it saves memory: of

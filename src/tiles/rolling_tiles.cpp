@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "accessvdb/error.h"
 #include "accessvdb/program/path_facts.h"
@@ -24,6 +25,8 @@ namespace fs = std::filesystem;
 constexpr int kCellsOfEdge = 32;  // of what is left out of a tile that is not there
 /// Of more, nobody keeps track: everything is closed.
 constexpr std::size_t kMostBalls = std::size_t{1} << 20;
+/// Of a ball, wherever its centre is: no tile lies outside.
+constexpr double kEverywhere_m = std::numeric_limits<double>::max();
 TileId idOf(const TileIndex& index) { return {index.first, index.second, {}}; }
 
 void advanceTime(RollingTile& tile, const MapTime& time) {
@@ -36,8 +39,9 @@ void advanceTime(RollingTile& tile, const MapTime& time) {
 void RollingTile::measure() {
   const MemoryUse use = field.memoryUse();
   bytes.memory = use.map_bytes + use.point_host_bytes + ids.capacity() * sizeof ids[0] + (told ? told->bytes() : 0);
-  const std::uint64_t of_backend = use.mirror_bytes + use.distance_mirror_bytes + use.point_device_bytes;
-  (field.deviceName() == "cpu" ? bytes.memory : bytes.device) += of_backend;
+  const auto of_gpu = internal::FieldAccess::gpuUse(field);
+  bytes.memory += of_gpu ? of_gpu->host_bytes : use.mirror_bytes + use.distance_mirror_bytes + use.point_device_bytes;
+  bytes.device = of_gpu ? of_gpu->device_bytes : 0;
 }
 
 RollingTiles::RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params,
@@ -217,7 +221,7 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
     stored_.erase(stored);
   } else {
     tile = std::make_unique<RollingTile>(newTile(id));
-    closeIn(*tile);
+    closeIn(id, *tile);
     advanceTime(*tile, now);
     tile->measure();
     empty_ = tile->bytes;
@@ -262,9 +266,7 @@ RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, co
 
 RollingTile RollingTiles::startClosed(const TileIndex& id) {
   RollingTile tile = newTile(id);
-  const std::array<Eigen::Vector3d, 1> anywhere_W = {worldOf({0, 0, 0})};
-  constexpr double kEverywhere_m = 1e6;
-  tile.field.leaveOut(anywhere_W, kEverywhere_m);
+  closeWhole(id, tile);
   return tile;
 }
 
@@ -292,7 +294,7 @@ RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> t
   tile->updated = stored.updated;
   tile->behind = stored.behind;
   tile->closed = tile->lost ? 0 : stored.closed;
-  closeIn(*tile);
+  closeIn(id, *tile);
   if (!stored.left_out.empty()) {
     std::vector<Eigen::Vector3d> centres_W;
     const double edge_m = cellEdge_m();
@@ -341,24 +343,37 @@ void RollingTiles::leaveOutRays(const TileIndex& id, const internal::FieldAccess
 }
 
 void RollingTiles::close(std::span<const Ball> balls) {
+  if (!closed_.empty() && closed_.front().radius_m >= kEverywhere_m) return;
   closed_.insert(closed_.end(), balls.begin(), balls.end());
   if (closed_.size() > kMostBalls) {
-    closed_ = {{Eigen::Vector3d::Zero(), internal::LeftOutPoints::kLargestRadius_m}};
+    closed_ = {{Eigen::Vector3d::Zero(), kEverywhere_m}};
     for (auto& [id, tile] : in_memory_) tile->closed = 0;
     for (auto& [id, stored] : stored_) stored.closed = 0;
   }
   for (auto& [id, tile] : in_memory_) {
     noteChange(id, *tile);
-    closeIn(*tile);
+    closeIn(id, *tile);
     tile->behind = true;
   }
 }
 
-void RollingTiles::closeIn(RollingTile& tile) const {
+void RollingTiles::closeIn(const TileIndex& id, RollingTile& tile) const {
   for (; tile.closed < closed_.size(); ++tile.closed) {
     const Ball& ball = closed_[tile.closed];
-    tile.field.leaveOut(std::span(&ball.centre_W, 1), ball.radius_m);
+    if (ball.radius_m >= kEverywhere_m) {
+      closeWhole(id, tile);
+    } else {
+      tile.field.leaveOut(std::span(&ball.centre_W, 1), ball.radius_m);
+    }
   }
+}
+
+void RollingTiles::closeWhole(const TileIndex& id, RollingTile& tile) const {
+  const double edge_m = tile_voxels_ * params_.tsdf.voxel_size_m;
+  const Eigen::Vector3d middle_L((static_cast<double>(id.first) + 0.5) * edge_m,
+                                 (static_cast<double>(id.second) + 0.5) * edge_m, 0);
+  const std::array<Eigen::Vector3d, 1> middle_W = {worldOf(middle_L.cast<float>())};
+  tile.field.leaveOut(middle_W, internal::LeftOutPoints::kLargestRadius_m);
 }
 
 std::vector<TileIndex> RollingTiles::all() const {

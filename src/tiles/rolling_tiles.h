@@ -138,7 +138,7 @@ class RollingTiles {
   void leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f> p_L);
   /// Rays that it will never learn of: what they pass may have gone. The same
   void leaveOutRays(const TileIndex& id, const internal::FieldAccess::Returns& rays);
-  /// A ball of the world in which returns were left out.
+  /// A ball of the world in which returns were left out; of all of it with the largest radius that there is.
   struct Ball {
     Eigen::Vector3d centre_W;
     double radius_m;
@@ -216,7 +216,8 @@ class RollingTiles {
   /// One that others need more leaves. @return false if there is none
   bool dropOneAhead(const TileIndex& but, std::uint64_t wanted_before);
   /// Balls that it has not had.
-  void closeIn(RollingTile& tile) const;
+  void closeIn(const TileIndex& id, RollingTile& tile) const;
+  void closeWhole(const TileIndex& id, RollingTile& tile) const;
   /// A tile whose state is damaged: everything in it is closed.
   [[nodiscard]] RollingTile startClosed(const TileIndex& id);
   [[nodiscard]] StoredTile describe(const RollingTile& tile);

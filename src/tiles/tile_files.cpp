@@ -214,11 +214,19 @@ AttemptFolder::~AttemptFolder() {
 }
 
 void AttemptFolder::putInPlace(const Plan& plan, const TileReturns& whole) {
+  place([&] { return readTile(out_, plan, id_, whole).has_value(); });
+}
+
+void AttemptFolder::replace() {
+  place([] { return false; });
+}
+
+void AttemptFolder::place(const std::function<bool()>& stays) {
   const fs::path target = tileFolder(out_, id_);
   std::error_code error;
   fs::rename(path_, target, error);
   if (error && io::isTaken(target, ErrorCode::Output)) {
-    if (readTile(out_, plan, id_, whole)) return;
+    if (stays()) return;
     // Left by an older plan, from before the last flight, or of other poses. A rename takes it away at once, so nobody
     // sees half of it.
     const OwnFiles before = ownFilesOfTile(target);
@@ -227,7 +235,11 @@ void AttemptFolder::putInPlace(const Plan& plan, const TileReturns& whole) {
     std::error_code ignored;
     fs::rename(target, aside, ignored);
     fs::rename(path_, target, error);
-    removeOwn(ownFilesOfTile(aside));
+    if (error) {
+      fs::rename(aside, target, ignored);
+    } else {
+      removeOwn(ownFilesOfTile(aside));
+    }
   }
   placed_ = !error;
   if (placed_) removePoison(out_, id_);

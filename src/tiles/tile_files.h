@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -58,8 +59,12 @@ class AttemptFolder {
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   /// Gives the folder its final name. If another process was faster, its files stay: they are the same.
   void putInPlace(const Plan& plan, const TileReturns& whole);
+  /// The same, whatever is there.
+  void replace();
 
  private:
+  void place(const std::function<bool()>& stays);
+
   std::filesystem::path out_, path_;
   TileId id_;
   int lock_ = -1;

@@ -15,6 +15,7 @@
 #include "io/streams/sha256.h"
 #include "tiles/first_difference.h"
 #include "tiles/json_file.h"
+#include "tiles/plan_lock.h"
 #include "tiles/tile_grid.h"
 #include "tool/tool_kernel.h"
 
@@ -177,6 +178,7 @@ void writePlan(const std::filesystem::path& out, const Plan& plan) {
     flight["settings"] = Json::array();
     for (const auto& [name, value] : plan.flights[n].settings) flight["settings"].push_back({name, value});
   }
+  const PlanLock lock(out, PlanLock::Kind::ToWrite);
   writeJson(planFile(out), json);
 }
 

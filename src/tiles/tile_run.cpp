@@ -17,6 +17,7 @@
 #include "field/field_access.h"
 #include "field/field_files.h"
 #include "points/point_store.h"
+#include "tiles/plan_lock.h"
 #include "tiles/point_file.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
@@ -61,6 +62,29 @@ struct Run {
   const std::vector<io::InputFile>& inputs;
 };
 
+/// Whether a newer plan still has the tile, made from the same returns in the same way.
+bool isInPlan(const Run& run) {
+  if (!hasPlan(run.job.out)) return false;
+  const Plan now = readPlan(run.job.out);
+  if (now.id() == run.job.plan.id()) return true;
+  const auto rays = run.whole.content.empty() ? std::nullopt : binned(run.job.out, now);
+  return rays && std::ranges::any_of(rays->returns_of, [&](const TileReturns& tile) {
+           return tile.id == run.whole.id && tile.content == run.whole.content;
+         });
+}
+
+/// A run takes its time: by now what a newer plan has made may be there, and must stay.
+template <typename Change>
+void whilePlanned(const Run& run, const TileId& id, const Change& change) {
+  const PlanLock lock(run.job.out, PlanLock::Kind::ToRead);
+  if (!isInPlan(run)) {
+    throw UnusableInput("plan.changed", run.job.out.string(),
+                        "has another plan than when tile " + id.name() + " was begun, so that tile is not kept",
+                        "Run accessvdb tile bin and tile run again");
+  }
+  change();
+}
+
 /// One attempt at one tile.
 class TileRun {
  public:
@@ -90,19 +114,11 @@ class TileRun {
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakMemoryBytes();
     writeTile(folder.path(), job_.plan, tile_);
-    requireSamePlan();
-    folder.putInPlace(job_.plan, run_.whole);
+    whilePlanned(run_, tile_.id, [&] { folder.putInPlace(job_.plan, run_.whole); });
     return tile_;
   }
 
  private:
-  /// A run takes its time: a tile of a newer plan may be there by now.
-  void requireSamePlan() const {
-    if (hasPlan(job_.out) && readPlan(job_.out).id() == job_.plan.id()) return;
-    throw UnusableInput("plan.changed", job_.out.string(),
-                        "has another plan than when tile " + tile_.id.name() + " was begun, so that tile is not kept",
-                        "Run accessvdb tile bin and tile run again");
-  }
   void requireFit(double bytes) const {
     if (run_.limits.memory_bytes > 0 && bytes > static_cast<double>(run_.limits.memory_bytes)) throw DoesNotFit{};
   }
@@ -194,24 +210,14 @@ void requireRoomForTool(const Job& job, const RunLimits& limits) {
                       "Allow more memory, or use a larger voxel");
 }
 
-/// A tile that is asked for by name is made again if it was damaged, which is what errors about it advise.
-bool isAsWritten(const fs::path& out, const Tile& tile) {
-  try {
-    for (const auto& [name, sha256] : tile.sha256) openOf(out, tile, name, std::size_t{1} << 20).skipToEnd();
-    return true;
-  } catch (const InputError&) {
-    return false;
-  }
-}
-
 void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
   const Job& job = run.job;
   if (const auto tile = readTile(job.out, job.plan, id, run.whole)) {
-    if (isAsWritten(job.out, *tile)) {
+    if (isAsWritten(job.out, *tile)) {  // else it is made again, which is what errors about it advise
       done.push_back(*tile);
       return;
     }
-    removeTile(job.out, id);
+    whilePlanned(run, id, [&] { removeTile(job.out, id); });
   }
   if (!isSplit(job.out, job.plan, id, run.whole)) {
     requireRoomForTool(job, run.limits);
@@ -226,7 +232,7 @@ void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
                           *reason + ", and is already the smallest that the tool allows",
                           "Allow more memory, or use a larger voxel");
     }
-    markSplit(job.out, job.plan, id, run.whole);
+    whilePlanned(run, id, [&] { markSplit(job.out, job.plan, id, run.whole); });
   }
   for (const TileId& quarter : id.split()) runInto(run, quarter, done);
 }
@@ -261,14 +267,16 @@ std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, c
     throw InvalidArgument("usage.tile", which.name(), "is smaller than the smallest quarter that the tool allows",
                           "See accessvdb tile list");
   }
+  const Run one = {job, limits, watch, *whole, rays.inputs};
   // Who asks for a quarter has seen that the whole does not fit.
   for (std::size_t levels = 0; levels < which.quarters.size(); ++levels) {
     const TileId parent = {which.x, which.y, which.quarters.substr(0, levels)};
-    if (!isSplit(job.out, job.plan, parent, *whole)) markSplit(job.out, job.plan, parent, *whole);
+    if (isSplit(job.out, job.plan, parent, *whole)) continue;
+    whilePlanned(one, which, [&] { markSplit(job.out, job.plan, parent, *whole); });
   }
   std::vector<Tile> done;
   try {
-    runInto({job, limits, watch, *whole, rays.inputs}, which, done);
+    runInto(one, which, done);
   } catch (const Stopped&) {
   }
   return done;

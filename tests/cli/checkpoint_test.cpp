@@ -245,6 +245,15 @@ TEST_F(CheckpointedRun, RefusesADamagedCheckpoint) {
   EXPECT_EQ(map("out", resume).exit_code, 0);
 }
 
+/// What another run is about to replace is not read.
+TEST_F(CheckpointedRun, WaitsForTheFolderBeforeItReads) {
+  writeScansOf(kWorld, folder_ / "scans", 0, 3);
+  fs::create_directories(folder_ / "cp");
+  writeText("cp/state.json", "[]");
+  const FolderOfAnother another(folder_ / "cp");
+  expectRefused({"--resume", path("cp")}, 7, "output.locked", "another process");
+}
+
 TEST_F(CheckpointedRun, GoesOnWithoutCheckpointsIfTheyDoNotFit) {
   writeScansOf({.points_a_side = 150}, folder_ / "scans", 0, 3);
   ASSERT_EQ(map("out", {"--voxel", "0.02", "--checkpoint", path("cp")}).exit_code, 0);

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "checkpoint_world.h"
 #include "program_run.h"
 
 namespace accessvdb::cli_test {
@@ -55,6 +56,19 @@ class MapOutputs : public ProgramTest {
     return runProgram(setup);
   }
 };
+
+/// Scans that do not agree: --fresh deletes nothing for them.
+TEST_F(MapOutputs, OfARunThatIsRefusedAreNotDeleted) {
+  std::filesystem::remove_all(folder_ / "scans");
+  writeScansOf({}, folder_ / "scans", 0, 20);
+  writePoses(20);
+  ASSERT_EQ(runProgram(mapArguments({"--tiles", "12.8", "--allow-disagreement"})).exit_code, 0);
+  const std::string plan = readText("out/plan.json");
+  const ProgramResult refused = runProgram(mapArguments({"--tiles", "12.8", "--fresh"}));
+  EXPECT_EQ(refused.exit_code, 4) << refused.err;
+  EXPECT_NE(refused.err.find("poses.disagree"), std::string::npos) << refused.err;
+  EXPECT_EQ(readText("out/plan.json"), plan);
+}
 
 TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
   const ProgramResult result = runProgram(mapArguments({"--orientations", "sphere:30"}));

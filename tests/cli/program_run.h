@@ -3,8 +3,11 @@
 /// Runs the built program as a user would, and examines its output.
 #pragma once
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/types.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <functional>
@@ -31,6 +34,21 @@ struct ProgramSetup {
 [[nodiscard]] ProgramResult runProgram(const ProgramSetup& setup);
 [[nodiscard]] ProgramResult runProgram(std::vector<std::string> arguments);
 [[nodiscard]] ProgramResult runLab(std::vector<std::string> arguments);
+
+/// While it lives, a folder is locked, as by another run that writes into it.
+class FolderOfAnother {
+ public:
+  explicit FolderOfAnother(const std::filesystem::path& folder)
+      : descriptor_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+    EXPECT_EQ(::flock(descriptor_, LOCK_EX | LOCK_NB), 0);
+  }
+  ~FolderOfAnother() { ::close(descriptor_); }
+  FolderOfAnother(const FolderOfAnother&) = delete;
+  FolderOfAnother& operator=(const FolderOfAnother&) = delete;
+
+ private:
+  int descriptor_;
+};
 
 /// A separate folder for each test, with tiny inputs; removed afterwards.
 class ProgramTest : public ::testing::Test {

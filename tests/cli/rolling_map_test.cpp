@@ -5,10 +5,16 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <random>
 
 #include "accessvdb/field_io.h"
+#include "accessvdb/scan_io.h"
 #include "cli/checkpoint_world.h"
+#include "cli/file_snapshot.h"
 #include "cli/program_run.h"
 #include "cli/rolling_world.h"
 
@@ -171,6 +177,73 @@ TEST_F(RollingMap, TakesOnScansThatFollow) {
   EXPECT_EQ(resumed("out2").exit_code, 4);
 }
 
+/// Where each run has scans and poses of its own, an earlier result can be repaired after the flight went on.
+TEST_F(RollingMap, AnEarlierResultIsRepairedFromFilesOfItsOwn) {
+  writeRollingWorld({.scans = 12, .step_m = 4}, folder_);
+  const std::string poses = readText("poses.txt");
+  std::size_t end = 0;
+  for (int line = 0; line < 8; ++line) end = poses.find('\n', end) + 1;
+  writeText("first.txt", poses.substr(0, end));
+  fs::create_directories(folder_ / "first_scans");
+  for (int scan = 0; scan < 8; ++scan) {
+    const std::string name = "00000" + std::to_string(scan) + ".pcd";
+    fs::create_hard_link(folder_ / "scans" / name, folder_ / "first_scans" / name);
+  }
+  const std::vector<std::string> of_first = {"--scans", path("first_scans"), "--poses", path("first.txt")};
+  std::vector<std::string> more = of_first;
+  more.insert(more.end(), {"--out", path("first")});
+  ASSERT_EQ(runProgram(rolling(more)).exit_code, 0);
+  const ProgramResult later = runProgram(rolling({"--out", path("out"), "--resume", path("roll")}));
+  ASSERT_EQ(later.exit_code, 0) << later.err;
+  const std::string tile = fs::directory_iterator(folder_ / "first/tiles")->path().filename().string();
+  fs::remove_all(folder_ / "first/tiles" / tile);
+  for (const std::vector<std::string>& again :
+       {std::vector<std::string>{"tile", "bin", path("first")}, {"tile", "run", "--tile", tile, path("first")}}) {
+    const ProgramResult made = runProgram(again);
+    EXPECT_EQ(made.exit_code, 0) << made.err;
+  }
+  expectOnePiece("first", of_first);
+}
+
+/// A flight in one file, which grows: what counts is what it begins with.
+TEST_F(RollingMap, TakesOnWhatFollowsInTheSameFile) {
+  constexpr int kOfAStep = 20'000;
+  const auto write = [&](int steps, float shift_m) {
+    std::mt19937_64 random(3);
+    std::uniform_real_distribution<float> along(-5, 5), up(-1.5, 1.5);
+    const std::string count = std::to_string(steps * kOfAStep);
+    std::ofstream file(folder_ / "flight.pcd", std::ios::binary);
+    file << "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH " << count
+         << "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " << count << "\nDATA binary\n";
+    for (int n = 0; n < steps * kOfAStep; ++n) {
+      const float y = along(random), z = up(random);
+      const std::array<float, 3> p = {3 + 0.05F * std::sin(7 * y + 5 * z) + shift_m, y, z};
+      file.write(reinterpret_cast<const char*>(p.data()), sizeof p);
+    }
+  };
+  const auto map = [&](const std::string& out, std::vector<std::string> more) {
+    more.insert(more.end(), {"--scans", path("flight.pcd"), "--poses", "", "--sensor-at", "0,0,0",
+                             "--allow-disagreement", "--out", path(out)});
+    return runProgram(arguments(more));
+  };
+  write(2, 0);
+  const ProgramResult first = map("first", {"--rolling", path("roll")});
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  write(3, 0.01F);
+  const ProgramResult other = map("out", {"--rolling", path("roll"), "--resume", path("roll")});
+  EXPECT_EQ(other.exit_code, 4) << other.err;
+  EXPECT_NE(other.err.find("state.scans"), std::string::npos) << other.err;
+  write(3, 0);
+  const ProgramResult more = map("out", {"--rolling", path("roll"), "--resume", path("roll")});
+  ASSERT_EQ(more.exit_code, 0) << more.err;
+  EXPECT_NE(more.err.find("going on after 2 of 3 scans"), std::string::npos) << more.err;
+  ASSERT_EQ(map("one", {"--tiles", "off"}).exit_code, 0);
+  ASSERT_EQ(runProgram({"tile", "merge", path("out"), "--points", path("all.ply")}).exit_code, 0);
+  const FieldSnapshot one = io::readPointsPly(path("one/points.ply")), all = io::readPointsPly(path("all.ply"));
+  ASSERT_EQ(all.points.size(), one.points.size());
+  EXPECT_EQ(all.count(PointLabel::Accessible), one.count(PointLabel::Accessible));
+}
+
 TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {
   writeRollingWorld({.scans = 6}, folder_);
   ASSERT_EQ(runProgram(rolling({"--out", path("out")})).exit_code, 0);
@@ -189,9 +262,37 @@ TEST_F(RollingMap, RefusesWhatItCannotGoOnWith) {
   std::ofstream(folder_ / "scans/000002.pcd", std::ios::binary) << contentOf(folder_ / "scans/000001.pcd");
   expect(resumed({}), 4, "state.scans");
   std::ofstream(folder_ / "scans/000002.pcd", std::ios::binary) << scan;
+  // A note that is not whole, of whatever program.
+  const std::string manifest = readText("roll/rolling.json");
+  nlohmann::ordered_json json = nlohmann::ordered_json::parse(manifest);
+  nlohmann::ordered_json note = nlohmann::ordered_json::parse(json["note"].get<std::string>());
+  note.erase("taken_sha256");
+  json["note"] = note.dump();
+  json.erase("sha256");
+  writeText("hashed.json", json.dump());
+  json["sha256"] = io::sha256OfFile(path("hashed.json"));
+  writeText("roll/rolling.json", json.dump(2));
+  expect(resumed({}), 4, "was not made by map");
+  writeText("roll/rolling.json", manifest);
   const ProgramResult unchanged = resumed({});
   EXPECT_EQ(unchanged.exit_code, 0) << unchanged.err;
   EXPECT_TRUE(contentOf(folder_ / "out/field.json") == contentOf(folder_ / "out2/field.json"));
+}
+
+/// What another run is about to replace is not read.
+TEST_F(RollingMap, WaitsForTheFolderBeforeItReads) {
+  writeRollingWorld({.scans = 2}, folder_);
+  fs::create_directories(folder_ / "roll");
+  writeText("roll/rolling.json", "[]");
+  const std::vector<std::string> resumed = rolling({"--out", path("out"), "--resume", path("roll")});
+  {
+    const FolderOfAnother another(folder_ / "roll");
+    const ProgramResult locked = runProgram(resumed);
+    EXPECT_EQ(locked.exit_code, 7) << locked.err;
+    EXPECT_NE(locked.err.find("output.locked"), std::string::npos) << locked.err;
+  }
+  const ProgramResult damaged = runProgram(resumed);
+  EXPECT_EQ(damaged.exit_code, 3) << damaged.err;
 }
 
 TEST_F(RollingMap, LeavesForeignFoldersAlone) {
@@ -218,6 +319,7 @@ TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
                                                                 {"--sequence", "1"},
                                                                 {"--remove", "box:0,0,0,1,1,1"},
                                                                 {"--resume", path("else")},
+                                                                {"--fresh", "--resume", path("roll")},
                                                                 {"--checkpoint", path("cp")},
                                                                 {"--keep-rays"},
                                                                 {"--bin-memory", "64M"},
@@ -243,6 +345,7 @@ TEST_F(RollingMap, OptionsThatContradictItAreNamed) {
   EXPECT_EQ(kept.exit_code, 7) << kept.err;
   const std::string plan = readText("out/plan.json");
   EXPECT_EQ(runProgram(rolling({"--out", path("out"), "--fresh"})).exit_code, 7);
+  EXPECT_EQ(runProgram(rolling({"--out", path("out"), "--fresh", "--resume", path("roll")})).exit_code, 2);
   EXPECT_EQ(readText("out/plan.json"), plan) << "nothing is deleted for a run that is refused";
   for (const char* flag : {"--resume", "--checkpoint"}) {
     const ProgramResult other = runProgram(arguments({"--out", path("one"), flag, path("roll")}));
@@ -296,6 +399,39 @@ TEST_F(RollingMap, TilesOfARunThatWasCutOffAreNotTaken) {
   const ProgramResult repaired = runProgram(rolling({"--out", path("out"), "--resume", path("roll")}));
   ASSERT_EQ(repaired.exit_code, 0) << repaired.err;
   expectOnePiece("out");
+}
+
+/// Neither a disk that is full nor a state that is damaged since costs a result that is there.
+TEST_F(RollingMap, TheSameCommandLeavesAGoodResult) {
+  writeRollingWorld({.scans = 8, .step_m = 4}, folder_);
+  ASSERT_EQ(runProgram(rolling({"--out", path("out")})).exit_code, 0);
+  const auto result = [&] {
+    std::map<std::string, std::string> files = snapshotOf(folder_ / "out/tiles");
+    for (const char* name : {"out/plan.json", "out/rays.json", "out/field.json"}) files[name] = readText(name);
+    return files;
+  };
+  const std::map<std::string, std::string> good = result();
+  const std::vector<std::string> again = rolling({"--out", path("out"), "--resume", path("roll")});
+  ASSERT_EQ(runProgram(again).exit_code, 0);
+  EXPECT_EQ(result(), good) << "repeated";
+  ProgramSetup full;
+  full.arguments = again;
+  full.file_size_limit = 20'000;
+  EXPECT_NE(runProgram(full).exit_code, 0);
+  EXPECT_EQ(result(), good) << "a full disk";
+
+  std::vector<fs::path> states;
+  for (const auto& entry : fs::directory_iterator(folder_ / "roll"))
+    if (entry.path().extension() == ".state") states.push_back(entry.path());
+  std::sort(states.begin(), states.end());
+  ASSERT_GT(states.size(), 1U);
+  std::string bad = contentOf(states.front());
+  bad[bad.size() / 2] = static_cast<char>(bad[bad.size() / 2] ^ 1);
+  std::ofstream(states.front(), std::ios::binary) << bad;
+  const ProgramResult lost = runProgram(again);
+  EXPECT_EQ(lost.exit_code, 3) << lost.err;
+  EXPECT_NE(lost.err.find("rolling.damaged"), std::string::npos) << lost.err;
+  EXPECT_EQ(result(), good) << "a damaged state";
 }
 
 TEST_F(RollingMap, AnotherOriginIsRefusedAndDamageIsSaid) {

@@ -205,6 +205,37 @@ TEST_F(SideBySide, ASlowRunOfAnOlderPlanKeepsNothing) {
   EXPECT_FALSE(fs::exists(job_.out / "tiles" / tile.name()));
 }
 
+/// The same of the mark of a tile that is run as quarters. Where the newer plan has the same returns, the tile is kept.
+TEST_F(SideBySide, ASlowRunOfAnOlderPlanServesANewerOneWhereItCan) {
+  job_.params.change = {};
+  job_.plan.tile_voxels = 512;
+  const auto write = [&](const std::string& options) {
+    job_.plan.flights.front().options = options;
+    job_.plan = identified(std::move(job_.plan));
+    tiles::writePlan(job_.out, job_.plan);
+  };
+  write("every 1\n");
+  binUntil(kScans, false, {});
+  const tiles::TileId tile = rays_.returns_of.front().id;
+  const tiles::Job older = job_;
+  const tiles::Binned of_older = rays_;
+  write("every 01\n");
+  EXPECT_THROW(tiles::run(older, of_older, tile.split().front(), {}), UnusableInput);
+  EXPECT_FALSE(fs::exists(job_.out / "tiles" / (tile.name() + ".split.json")));
+
+  tiles::writePlan(job_.out, older.plan);
+  bool begun = false;
+  tiles::Watch watch;
+  watch.stop = [&] {
+    if (std::exchange(begun, true)) return false;
+    tiles::writePlan(job_.out, job_.plan);
+    binUntil(kScans, false, {});
+    return false;
+  };
+  EXPECT_EQ(tiles::run(older, of_older, tile, {}, watch).size(), 1U);
+  EXPECT_EQ(tiles::status(job_.out, job_.plan, rays_).done.size(), 1U);
+}
+
 /// What was not as it is now, or belongs to another plan, is made again.
 TEST_F(SideBySide, OtherScansAreNotGoneOnWith) {
   binUntil(9, false, {});

@@ -6,11 +6,13 @@
 
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "accessvdb/error.h"
 #include "accessvdb/tool_spec.h"
 #include "io/poses/levelling.h"
 #include "live/live_stream.h"
+#include "support/scratch_folder.h"
 
 namespace accessvdb::live_test {
 namespace {
@@ -291,19 +293,47 @@ TEST_F(LiveLevelling, ByWhatTheImuFeels) {
   EXPECT_LT((*session.levelling() * up_W - Eigen::Vector3d::UnitZ()).norm(), 1e-9);
 }
 
-/// Of a map that goes on: up is what it was, with no IMU.
+/// Of a map that goes on: up is what it was, with no IMU, and no other up is taken.
 TEST_F(LiveLevelling, AsItWasFoundBefore) {
-  LiveOptions options;
-  options.level = io::Level{.from_imu = true};
-  LiveSession session(test::armTool(), coarseParams(), options);
-  session.setLevelling(R_L_W_);
-  EXPECT_FALSE(session.status().waits_for_level);
-  for (std::size_t n = 0; n < scans_.size(); ++n) {
-    session.addPose(tilted(n));
-    session.addScan(scanOf(scans_[n], n));
-    ASSERT_TRUE(session.step());
+  const io::Level imu{.from_imu = true}, angles{false, kRoll, kPitch}, others{false, kRoll, 0};
+  for (const std::optional<io::Level>& level :
+       {std::optional(imu), std::optional(angles), std::optional<io::Level>()}) {
+    const test::ScratchFolder scratch;
+    LiveOptions options;
+    options.level = level;
+    options.rolling = RollingOptions{.folder = scratch / "tiles"};
+    std::optional<Eigen::Matrix3d> before;
+    {
+      LiveSession session(test::armTool(), coarseParams(), options);
+      session.addScan(scanOf(scans_[0], 0));
+      sendRest(session);
+      session.addPose(tilted(0));
+      ASSERT_EQ(stepAll(session), 1U);
+      before = session.levelling();
+      ASSERT_EQ(before.has_value(), level.has_value());
+      session.rolling()->checkpoint();
+    }
+    options.resume = true;
+    {
+      LiveSession session(test::armTool(), coarseParams(), options);
+      EXPECT_FALSE(session.status().waits_for_level);
+      EXPECT_TRUE(session.levelling() == before);
+      for (std::size_t n = 1; n < scans_.size(); ++n) {
+        session.addPose(tilted(n));
+        session.addScan(scanOf(scans_[n], n));
+        ASSERT_TRUE(session.step());
+      }
+      session.rolling()->checkpoint();
+    }
+    EXPECT_TRUE(LiveSession(test::armTool(), coarseParams(), options).levelling() == before) << "twice";
+    options.level = level ? std::optional(others) : std::optional(imu);
+    try {
+      const LiveSession session(test::armTool(), coarseParams(), options);
+      ADD_FAILURE() << "turned otherwise";
+    } catch (const UnusableInput& error) {
+      EXPECT_EQ(error.id(), "rolling.changed");
+    }
   }
-  expectAsLevel(session);
 }
 
 /// A transform that comes late is waited for; without one, after ten seconds, it is said that there is none.

@@ -13,6 +13,7 @@
 #include <memory>
 #include <random>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
@@ -24,6 +25,7 @@
 #include "hostdev/voxel_scale.h"
 #include "rolling_walks.h"
 #include "tiles/json_file.h"
+#include "tiles/rolling_start.h"
 
 namespace accessvdb::test {
 namespace {
@@ -57,6 +59,12 @@ void expectSameMap(const AccessibilityField& unlimited, RollingField& rolling, c
   EXPECT_EQ(differentVoxels<openvdb::BoolGrid>(whole, merged, "cleared"), 0U);
 }
 
+std::string usedOf(const RollingStatus& now, const RollingOptions& limits) {
+  return std::to_string(now.tiles_in_memory) + " of " + std::to_string(now.tiles) + " tiles, " +
+         std::to_string(now.memory_bytes) + " of " + std::to_string(limits.memory_limit_bytes) + " bytes, on the GPU " +
+         std::to_string(now.device_bytes) + " of " + std::to_string(limits.device_limit_bytes);
+}
+
 class Rolling : public ::testing::TestWithParam<Case> {};
 
 TEST_P(Rolling, EqualsAFieldWithoutALimit) {
@@ -72,7 +80,7 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
     integrate(unlimited, steps[n], stamp_s);
     integrate(rolling, steps[n], stamp_s);
     const RollingStatus status = rolling.status();
-    ASSERT_FALSE(status.memory_short) << "step " << n;
+    ASSERT_FALSE(status.memory_short) << "step " << n << ": " << usedOf(status, options);
     most_in_memory = std::max<std::size_t>(most_in_memory, status.tiles_in_memory);
     if (test.update_every == 0 || n % static_cast<std::size_t>(test.update_every) != 0) continue;
     unlimited.update();
@@ -299,6 +307,25 @@ TEST(RollingLimit, LeavesNothingOutThatFits) {
   EXPECT_EQ(rolling.status().left_out_returns, 0U);
 }
 
+/// Without one of the caller's, the tiles leave room on a GPU for what a step takes besides.
+TEST(RollingLimit, OnAGpuIsMostOfWhatIsFreeThere) {
+  EXPECT_EQ(tiles::deviceLimit({.device_limit_bytes = 7}, 1000, 10), 7U);
+  EXPECT_EQ(tiles::deviceLimit({}, 1000, 10), 810U);
+  EXPECT_EQ(tiles::deviceLimit({}, 0, 0), 0U) << "on the CPU";
+}
+
+/// A tile on a GPU holds two buffers of 8 MiB there, and two on the host, before it has anything else.
+TEST(RollingLimit, CountsAllThatTilesHoldOnAGpu) {
+  const Case test = {.name = "gpu", .seed = 19};
+  const ScratchFolder scratch;
+  RollingField rolling(toolsOf(test), paramsOf(test), {.folder = scratch / "states", .tile_voxels = kTile_voxels});
+  for (const Step& step : walk(test, 8)) integrate(rolling, step, 0);
+  const RollingStatus status = rolling.status();
+  if (status.device_bytes == 0) GTEST_SKIP() << "on the CPU; ACCESSVDB_TILE_DEVICE=cuda";
+  EXPECT_GT(status.device_bytes, status.tiles_in_memory * (std::uint64_t{16} << 20));
+  EXPECT_GT(status.memory_bytes, status.tiles_in_memory * (std::uint64_t{16} << 20));
+}
+
 /// Whatever is left out is said, also where it is of the nearest tile.
 TEST(RollingLimit, IsSaidWhereItIsReached) {
   const Case test = {.name = "said", .seed = 16};
@@ -315,6 +342,45 @@ TEST(RollingLimit, IsSaidWhereItIsReached) {
     before = status.left_out_returns;
   }
   EXPECT_GT(before, 0U);
+}
+
+/// More was lost than anybody keeps track of: nothing is accessible any more, wherever in the world the map lies, and
+/// whether the tiles come before it or after.
+TEST(RollingLimit, OfWhatIsLostClosesEverything) {
+  const Case test = {.name = "all_closed", .seed = 18};
+  std::vector<Step> steps = walk(test, 12);
+  const Eigen::Vector3d utm_m(500'000, 5'400'000, 120);
+  for (Step& step : steps) {
+    for (Eigen::Vector3d& p_W : step.points_W) p_W += utm_m;
+    for (Eigen::Vector3d& q_W : step.sensors_W) q_W += utm_m;
+  }
+  const std::vector<Eigen::Vector3d> lost_W((std::size_t{1} << 20) + 1, utm_m + Eigen::Vector3d(5000, 0, 0));
+  const auto accessible = [](RollingField& field) {
+    field.update();
+    return field.snapshot().accessible().size();
+  };
+  for (const std::size_t lost_before : {0, 6, 12}) {
+    SCOPED_TRACE(lost_before);
+    const ScratchFolder scratch;
+    const RollingOptions options = {.folder = scratch / "states", .tile_voxels = kTile_voxels};
+    {
+      RollingField field(toolsOf(test), paramsOf(test), options);
+      for (std::size_t n = 0; n < steps.size(); ++n) {
+        if (n == lost_before) field.leaveOut(lost_W, 0);
+        integrate(field, steps[n], 0);
+      }
+      if (lost_before == steps.size()) {
+        EXPECT_GT(accessible(field), 100U);
+        field.leaveOut(lost_W, 0);
+      }
+      EXPECT_EQ(accessible(field), 0U);
+      EXPECT_GT(field.status().points, 1000U);
+      field.checkpoint();
+    }
+    RollingField resumed = RollingField::resume(toolsOf(test), paramsOf(test), options);
+    integrate(resumed, steps.front(), 0);
+    EXPECT_EQ(accessible(resumed), 0U);
+  }
 }
 
 internal::VoxelColumnBox coreOf(const std::string& tile) {
@@ -425,7 +491,7 @@ TEST(RollingResume, GoesOnAfterTheLastCheckpoint) {
         integrate(*rolling, steps[again], 0.1 * static_cast<double>(again));
         rolling->update();
       }
-      ASSERT_FALSE(rolling->status().memory_short);
+      ASSERT_FALSE(rolling->status().memory_short) << "step " << n << ": " << usedOf(rolling->status(), options);
       ASSERT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U) << "step " << n;
     }
     EXPECT_EQ(differences(unlimited.snapshot(), rolling->snapshot()), 0U);
@@ -463,6 +529,7 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   };
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), {.folder = scratch / "elsewhere"}), "rolling.missing");
+  EXPECT_FALSE(std::filesystem::exists(scratch / "elsewhere"));
   FieldParams params = paramsOf(test);
   params.tsdf.range_noise_m = 0.02;
   EXPECT_EQ(refused(toolsOf(test), params, options), "rolling.changed");
@@ -493,6 +560,8 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   EXPECT_EQ(with([](auto& json) { json.erase("origin_W"); }), "rolling.damaged");
   EXPECT_EQ(with([](auto& json) { json["schema"] = 1; }), "rolling.damaged");
   EXPECT_EQ(with([](auto& json) { json["tiles"] = 3; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["levelling"] = {1, 0, 0, 0, 1, 0, 0, 0, -1}; }), "rolling.damaged");
+  EXPECT_EQ(with([](auto& json) { json["levelling"] = {1, 0, 0, 0, 2, 0, 0, 0, 1}; }), "rolling.damaged");
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "taken");
   // A new field does not begin in it.
   EXPECT_THROW(RollingField(toolsOf(test), paramsOf(test), options), OutputError);
@@ -500,6 +569,30 @@ TEST(RollingResume, RefusesWhatIsNotItsOwn) {
   manifest[manifest.size() / 2] = static_cast<char>(manifest[manifest.size() / 2] ^ 1);
   writeBytes(options.folder / "rolling.json", manifest);
   EXPECT_EQ(refused(toolsOf(test), paramsOf(test), options), "rolling.damaged");
+}
+
+/// A field that is about to end, and one that goes on in its folder.
+TEST(RollingResume, ReadsNothingBeforeTheFolderIsItsOwn) {
+  const Case test = {.name = "late", .seed = 17};
+  const ScratchFolder scratch;
+  const RollingOptions options = {.folder = scratch / "states"};
+  auto ends = std::make_unique<RollingField>(toolsOf(test), paramsOf(test), options);
+  for (const Step& step : walk(test, 4)) integrate(*ends, step, 0);
+  ends->checkpoint("before");
+  const auto end = [&] {
+    ends->checkpoint("last");
+    ends.reset();
+  };
+  const TableProgress while_it_begins = [&](std::size_t, std::size_t) {
+    if (ends) std::thread(end).join();  // not on a thread of the tables
+  };
+  try {
+    EXPECT_EQ(RollingField::resume(toolsOf(test), paramsOf(test), options, while_it_begins).note(), "last");
+  } catch (const OutputError& error) {
+    EXPECT_EQ(error.id(), "output.locked");
+  }
+  if (ends) end();
+  EXPECT_EQ(RollingField::resume(toolsOf(test), paramsOf(test), options).note(), "last");
 }
 
 /// A folder that takes no more files: the step is refused before anything changes, and can be repeated.

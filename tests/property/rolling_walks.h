@@ -218,17 +218,33 @@ inline std::uint64_t bytesOfAll(const Case& test, const std::vector<Step>& steps
   return statusOfAll(test, steps).memory_bytes;
 }
 
-/// Small tiles in a folder, with this share of what all of them take on the host, and on the GPU if they are there.
+/// The most that all tiles take on a GPU, where they are scored as in the walk: some of it is there from then on.
+inline std::uint64_t mostOnDevice(const Case& test, const std::vector<Step>& steps) {
+  const ScratchFolder scratch;
+  RollingField all(toolsOf(test), paramsOf(test), {.folder = scratch / "tiles", .tile_voxels = kTile_voxels});
+  std::uint64_t most = 0;
+  for (std::size_t n = 0; n < steps.size(); ++n) {
+    integrate(all, steps[n], 0.1 * static_cast<double>(n));
+    const bool last = n + 1 == steps.size();
+    if (last || (test.update_every > 0 && n % static_cast<std::size_t>(test.update_every) == 0)) all.update();
+    most = std::max(most, all.status().device_bytes);
+  }
+  return most;
+}
+
+/// Small tiles in a folder, with this share of what all of them take on the host. On a GPU a tile takes much however
+/// little is in it, so that a step of few tiles may need most of it.
 inline RollingOptions tightOptions(const Case& test, const std::vector<Step>& steps, double memory_share,
                                    std::filesystem::path folder) {
   const RollingStatus all = statusOfAll(test, steps);
-  const auto share = [&](std::uint64_t bytes) {
-    return static_cast<std::uint64_t>(memory_share * static_cast<double>(bytes));
-  };
+  const double device_share = std::max(memory_share, 0.9);
   RollingOptions options;
   options.folder = std::move(folder);
-  options.memory_limit_bytes = share(all.memory_bytes);
-  options.device_limit_bytes = share(all.device_bytes);
+  options.memory_limit_bytes = static_cast<std::uint64_t>(memory_share * static_cast<double>(all.memory_bytes));
+  if (all.device_bytes > 0) {
+    options.device_limit_bytes =
+        static_cast<std::uint64_t>(device_share * static_cast<double>(mostOnDevice(test, steps)));
+  }
   options.tile_voxels = kTile_voxels;
   return options;
 }

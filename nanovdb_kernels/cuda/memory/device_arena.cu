@@ -100,9 +100,13 @@ DeviceArena::Slot::Slot(DeviceContext& device_context)
       sent(cudaEventDisableTiming),
       batch((host.reserveExactly(kBatchBytes), host.data()), kBatchBytes) {
   device = context.allocate(kBatchBytes);
+  context.countPinned(kBatchBytes);
 }
 
-DeviceArena::Slot::~Slot() { context.release(device, kBatchBytes); }
+DeviceArena::Slot::~Slot() {
+  context.release(device, kBatchBytes);
+  context.countPinned(-std::int64_t{kBatchBytes});
+}
 
 DeviceArena::DeviceArena(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes)
     : context_(std::move(context)), range_(context_, reserve_bytes) {

@@ -128,6 +128,11 @@ void DeviceContext::count(std::int64_t bytes) {
   if (bytes_ > peak_bytes_) peak_bytes_ = bytes_;
 }
 
+void DeviceContext::countPinned(std::int64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  pinned_bytes_ += static_cast<std::uint64_t>(bytes);
+}
+
 std::uint64_t DeviceContext::bytes() const {
   const std::lock_guard lock(mutex_);
   return bytes_;
@@ -135,6 +140,10 @@ std::uint64_t DeviceContext::bytes() const {
 std::uint64_t DeviceContext::peakBytes() const {
   const std::lock_guard lock(mutex_);
   return peak_bytes_;
+}
+std::uint64_t DeviceContext::pinnedBytes() const {
+  const std::lock_guard lock(mutex_);
+  return pinned_bytes_;
 }
 std::uint64_t DeviceContext::allocations() const {
   const std::lock_guard lock(mutex_);

@@ -49,9 +49,12 @@ class DeviceContext {
   void release(void* address, std::size_t bytes) noexcept;
   /// Counts bytes gained or lost other than by allocate() and release(). @throw ResourceLimit over the limit
   void count(std::int64_t bytes);
+  /// The same for host memory of arenas, which has no limit.
+  void countPinned(std::int64_t bytes);
 
   [[nodiscard]] std::uint64_t bytes() const;
   [[nodiscard]] std::uint64_t peakBytes() const;
+  [[nodiscard]] std::uint64_t pinnedBytes() const;
   [[nodiscard]] std::uint64_t allocations() const;  ///< that reached the driver
 
  private:
@@ -65,7 +68,7 @@ class DeviceContext {
   cudaStream_t stream_ = nullptr, priority_stream_ = nullptr;
   cudaEvent_t mirror_ready_ = nullptr;
   mutable std::mutex mutex_;
-  std::uint64_t bytes_ = 0, peak_bytes_ = 0, allocations_ = 0;
+  std::uint64_t bytes_ = 0, peak_bytes_ = 0, pinned_bytes_ = 0, allocations_ = 0;
 };
 
 }  // namespace accessvdb::kernels

@@ -67,4 +67,10 @@ std::uint64_t SharedTables::deviceBytes() const {
   return sum(false, [](const ScoringSetup& setup) { return setup.deviceBytes(); });
 }
 
+std::uint64_t SharedTables::freeDeviceBytes() const {
+  const std::scoped_lock locked(lock_);
+  const auto& on_gpu = made_[0];
+  return on_gpu.empty() || on_gpu.front() == nullptr ? 0 : on_gpu.front()->memory->freeBytes();
+}
+
 }  // namespace accessvdb::internal

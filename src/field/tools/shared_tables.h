@@ -38,6 +38,8 @@ class SharedTables {
   /// Of all tables that were made.
   [[nodiscard]] std::uint64_t hostBytes() const;
   [[nodiscard]] std::uint64_t deviceBytes() const;
+  /// Of the GPU that tables were made on; 0 if there is none.
+  [[nodiscard]] std::uint64_t freeDeviceBytes() const;
 
  private:
   struct Made;

@@ -98,6 +98,7 @@ void Checkpoints::prepare() {
   }
   if (!options_.resume.empty()) {
     if (holdsCheckpoint(options_.resume, ErrorCode::Input)) {
+      if (continuesInPlace()) io::prepareOutputFolder(folder_);  // another run may be writing its last one
       readManifest();
     } else if (options_.checkpoint.empty() || !continuesInPlace()) {
       throw InputError(

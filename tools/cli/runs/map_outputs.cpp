@@ -50,13 +50,14 @@ void MapOutputs::claim() {
   io::prepareOutputFolder(out);
 }
 
-void MapOutputs::clear(const Paths& inputs) const {
-  const fs::path out = options_.out;
+void MapOutputs::check(const Paths& inputs) const {
   requireNoInputs(files(), inputs);
   requireOwn(files());
-  if (!options_.fresh) return;
-  requireNoInputsInTiles(out, inputs);
-  tiles::removePlan(out);
+  if (options_.fresh) requireNoInputsInTiles(options_.out, inputs);
+}
+
+void MapOutputs::startOver() const {
+  if (options_.fresh) tiles::removePlan(options_.out);
 }
 
 Paths MapOutputs::files() const {

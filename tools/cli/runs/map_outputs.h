@@ -19,9 +19,11 @@ class MapOutputs {
   /// Makes the folder, unless it holds what must stay.
   /// @throws OutputError "output.exists", "output.is_input"; UnusableInput "plan.changed"
   void claim();
-  /// Checks all outputs once it is known which files are read; then --fresh.
+  /// Checks all outputs once it is known which files are read.
   /// @throws OutputError "output.is_input", "output.foreign"
-  void clear(const Paths& inputs) const;
+  void check(const Paths& inputs) const;
+  /// Deletes what --fresh asks for, once the scans have been checked, too. @throws OutputError
+  void startOver() const;
   /// Whether claim() refused: existing outputs must stay, the report among them.
   [[nodiscard]] bool refused() const { return refused_; }
 

@@ -2,36 +2,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runs/rolling_live.h"
 
-#include <sstream>
+#include <nlohmann/json.hpp>
 #include <tuple>
 #include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
+#include "output/json_text.h"
 #include "runs/checkpoint.h"
-#include "runs/run_progress.h"
 
 namespace accessvdb::tools {
 namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr const char* kLive = "live";
-
-/// Nine numbers that are read back to the bit; empty for none.
-std::string textOf(const std::optional<Eigen::Matrix3d>& matrix) {
-  std::string text;
-  for (Eigen::Index n = 0; matrix && n < 9; ++n) text += (n > 0 ? " " : "") + fullNumber(matrix->data()[n]);
-  return text;
-}
-std::optional<Eigen::Matrix3d> matrixFrom(const std::string& text) {
-  Eigen::Matrix3d matrix;
-  std::istringstream numbers(text);
-  for (Eigen::Index n = 0; n < 9; ++n)
-    if (!(numbers >> matrix.data()[n])) return std::nullopt;
-  return matrix;
-}
+constexpr const char* kFrame = "live_frame";  // of the note
 
 }  // namespace
 
@@ -72,23 +58,12 @@ void RollingLive::begin(LiveSession& session) {
   const RollingField& field = *session.rolling();
   words_.sayTiles(field.status(), field.params().tsdf.voxel_size_m);
   if (field.note().empty() && field.status().steps == 0) return;
-  const auto refuse = [&](const std::string& problem, const std::string& advice) {
-    throw UnusableInput("rolling.changed", options_.map.rolling, problem, advice);
-  };
-  std::istringstream lines(field.note());
-  std::string kind, level, levelling;
-  std::getline(lines, kind);
-  std::getline(lines, level);
-  std::getline(lines, frame_);
-  std::getline(lines, levelling);
-  if (kind != kLive) refuse("was not made by live: it holds other scans", "Use map --rolling, or another folder");
-  if (level != options_.map.sensor.level) {
-    const auto words = [](const std::string& given) { return given.empty() ? "no --level" : "--level " + given; };
-    refuse("was made with " + words(level) + " instead of " + words(options_.map.sensor.level),
-           "Use what it was made with, or another folder");
+  const nlohmann::json saved = nlohmann::json::parse(field.note(), nullptr, false);
+  if (!saved.is_object() || !saved.contains(kFrame) || !saved[kFrame].is_string()) {
+    throw UnusableInput("rolling.changed", options_.map.rolling, "was not made by live: it holds other scans",
+                        "Use map --rolling, or another folder");
   }
-  R_L_W_ = matrixFrom(levelling);
-  if (R_L_W_) session.setLevelling(*R_L_W_);
+  saved[kFrame].get_to(frame_);
   saved_steps_ = field.status().steps;
   report_.scans = saved_steps_;
   report_.resumed_after_scans = saved_steps_;
@@ -96,16 +71,13 @@ void RollingLive::begin(LiveSession& session) {
                    " scans, in the frame of the odometry as it was: one that was started again lies elsewhere");
 }
 
-std::string RollingLive::note() const {
-  return std::string(kLive) + "\n" + options_.map.sensor.level + "\n" + frame_ + "\n" + textOf(R_L_W_) + "\n";
-}
+std::string RollingLive::note() const { return jsonText(nlohmann::json{{kFrame, frame_}}, -1); }
 
 void RollingLive::afterStep(LiveSession& session, bool taken) {
   RollingField& field = *session.rolling();
   const RollingStatus now = field.status();
   if (taken) words_.note(now);
   sayFrame(session.status().world_frame);
-  R_L_W_ = session.levelling();
   if (now.unsaved) sayDisk("a tile cannot be written");
   const bool due = every_s_ > 0 && std::chrono::duration<double>(Clock::now() - last_).count() >= every_s_;
   if (due && now.steps != saved_steps_) tryCheckpoint(field);

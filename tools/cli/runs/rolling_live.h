@@ -5,7 +5,6 @@
 
 #include <chrono>
 #include <cstdint>
-#include <optional>
 #include <string>
 
 #include "accessvdb/live_session.h"
@@ -39,7 +38,7 @@ class RollingLive {
   void finish(RollingField& field);
 
  private:
-  /// With each checkpoint: whose folder it is, and how the map lies.
+  /// With each checkpoint: whose folder it is, and the frame of its poses.
   [[nodiscard]] std::string note() const;
   void sayDisk(const std::string& problem);
   void sayFrame(const std::string& frame);
@@ -52,9 +51,8 @@ class RollingLive {
   RollingWords words_;
   double every_s_ = 0;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-  std::uint64_t saved_steps_ = 0;         ///< of the field, in its last checkpoint
-  std::string frame_;                     ///< of the poses, in this run or the one that it goes on with
-  std::optional<Eigen::Matrix3d> R_L_W_;  ///< LiveSession::levelling(), the same
+  std::uint64_t saved_steps_ = 0;  ///< of the field, in its last checkpoint
+  std::string frame_;              ///< of the poses, in this run or the one that it goes on with
   bool disk_failed_ = false, said_frame_ = false;
   int said_disk_ = 0;
 };

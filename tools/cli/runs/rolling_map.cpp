@@ -42,6 +42,7 @@ std::optional<std::string> whyNotRollingMap(const MapOptions& options, const Fie
   if (!options.survey.carry.empty()) return "--carry needs a map in one piece, or --tiles";
   if (options.survey.index) return "--index needs a map in one piece, or --tiles";
   if (options.keep_rays || !options.bin_memory.empty()) return "--keep-rays and --bin-memory are for --tiles";
+  if (options.fresh && !options.resume.empty()) return "--fresh deletes the result, and --resume goes on from it";
   if (options.mirror_distance) return "--mirror-distance is for maps in one piece";
   if (!options.removed_as.empty() && options.removed_as != MapOptions().removed_as)
     return "--removed-as is for --remove";
@@ -139,15 +140,16 @@ class RollingRun {
     RunProgress before;
     Reading reading;
     std::string taken_sha256;
+    bool of_map = true;
     try {
       const nlohmann::ordered_json json = nlohmann::ordered_json::parse(field.note());
       before = progressFrom(json);
       reading = readingFrom(json);
       json.at(kTaken).get_to(taken_sha256);
     } catch (const nlohmann::ordered_json::exception&) {
-      before.steps = std::numeric_limits<std::uint64_t>::max();
+      of_map = false;
     }
-    if (before.next_step != field.status().steps || before.next_step > before.steps) {
+    if (!of_map || before.next_step != field.status().steps || before.next_step > before.steps) {
       throw UnusableInput("rolling.changed", options_.rolling, "was not made by map: it holds other scans",
                           "Go on with what it was made by, or use another folder");
     }
@@ -160,11 +162,13 @@ class RollingRun {
     requireSameReading(resumed, reading_, more ? before.steps : sources_.scans.size());
     for (std::size_t step = 0; step < before.next_step && stopSignal() == 0; ++step)
       noteRead(sources_.scans.read(step));
-    if (stopSignal() == 0) {
+    // With more scans, files of poses, and those that hold several scans, have grown: their scans are compared instead.
+    const bool same = taken_sha256_ == taken_sha256;
+    if (stopSignal() == 0 && !(more && same)) {
       RunProgress now = progress();
-      if (more) now.poses = before.poses;  // what matters of them is in taken_sha256_
+      if (more) now.poses = before.poses;
       requireSameInputs(resumed, now);
-      if (taken_sha256_ != taken_sha256) {
+      if (!same) {
         refuseToResume("state.scans", options_.resume,
                        "its " + std::to_string(before.next_step) + " scans have other poses or times now");
       }

@@ -97,9 +97,9 @@ void RollingWords::sayEnd(const RollingStatus& now) {
 
 void writeRolling(RollingField& field, const MapOptions& options, const io::WriteOptions& files,
                   const RollingSource& source, RunReport& report, Messages& messages) {
-  if (!options.no_clobber) removePieces(options.out);
   tiles::Status status;
   status.done = field.write(options.out, files, source);
+  if (!options.no_clobber) removePieces(options.out);
   const tiles::Job job = {options.out, tiles::readPlan(options.out), field.tools(), field.params()};
   report.device.clear();
   writeResult({job, options, *tiles::binned(options.out, job.plan), status}, report, messages);

@@ -370,7 +370,7 @@ int MapRun::run() {
     hashInput(options_.replay_log);
   }
   first_scan_input_ = report_.inputs.size();
-  outputs_.clear(inputsWith(options_, scans));
+  outputs_.check(inputsWith(options_, scans));
   sayAboutScans(scans, messages_);
   if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
   checkpoints_.readIn(scans.frame());
@@ -384,6 +384,7 @@ int MapRun::run() {
   requireStamps(options_, params, scans, messages_);
   report_.agreement = checkAgreement(options_, params.tsdf.range_noise_m, scans, messages_);
   report_.tools = reportedTools(options_, tools);
+  outputs_.startOver();
   const PlanSources sources = {options_, settings_, tools, scans, params};
   if (!options_.rolling.empty()) return rolling(sources);
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);

@@ -1,0 +1,24 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Between a look at the plan and what follows from it, nobody writes another one.
+#pragma once
+
+#include <filesystem>
+
+namespace accessvdb::tiles {
+
+/// Of plan.json as it is now. Where there is none, or the file system has no locks, it holds nothing.
+class PlanLock {
+ public:
+  enum class Kind { ToRead, ToWrite };
+  /// Waits for others, who hold it for moments only.
+  PlanLock(const std::filesystem::path& out, Kind kind);
+  ~PlanLock();
+  PlanLock(const PlanLock&) = delete;
+  PlanLock& operator=(const PlanLock&) = delete;
+
+ private:
+  int descriptor_ = -1;
+};
+
+}  // namespace accessvdb::tiles
