@@ -27,6 +27,12 @@ constexpr std::array<std::uint32_t, kValues> kNoValues = {};
 static_assert(sizeof(internal::VoxelVotes) == kVotes * sizeof(std::uint32_t));
 static_assert(sizeof(kernels::FusedFlips::collides_on) == sizeof(LeafBits));
 
+LeafBits maskOf(const internal::PackedLeaf& leaf) {
+  LeafBits bits;
+  for (openvdb::Index word = 0; word < 8; ++word) bits[word] = leaf.getValueMask().getWord<std::uint64_t>(word);
+  return bits;
+}
+
 const internal::PackedLeaf* leafAt(const internal::PackedMap& map, const Origin& origin) {
   return map.tree().probeConstLeaf({origin[0], origin[1], origin[2]});
 }
@@ -69,8 +75,7 @@ void ScanOnDevice::addLeaf(const internal::PackedMap& map, const Origin& origin_
     const std::uint32_t* from = values != nullptr ? values : kNoValues.data();
     values_.insert(values_.end(), from, from + kValues);
   }
-  for (openvdb::Index word = 0; word < 8; ++word) {
-    const std::uint64_t bits = leaf == nullptr ? 0 : leaf->getValueMask().getWord<std::uint64_t>(word);
+  for (const std::uint64_t bits : leaf == nullptr ? LeafBits{} : maskOf(*leaf)) {
     cleared_.push_back(static_cast<std::uint32_t>(bits));
     cleared_.push_back(static_cast<std::uint32_t>(bits >> 32));
   }
@@ -189,8 +194,7 @@ FusionDifferences ScanOnDevice::compare(const internal::PackedMap& map, const in
     const std::uint32_t* own =
         fused.values == FusedLeaf::kNone ? kNoValues.data() : new_values_.data() + kValues * fused.values;
     found.values += differs(values != nullptr ? values : kNoValues.data(), own, sizeof(kNoValues));
-    found.cleared += differs(&leaf->getValueMask().getWord<std::uint64_t>(0),
-                             new_cleared_.data() + kCleared * fused.slot, kCleared * sizeof(std::uint32_t));
+    found.cleared += differs(maskOf(*leaf).data(), new_cleared_.data() + kCleared * fused.slot, sizeof(LeafBits));
     const internal::VoxelVotes none, *votes = map.blocksNewThings() ? map.votesOf(*leaf) : nullptr;
     const bool has_votes = fused.votes != FusedLeaf::kNone;
     found.votes += differs((votes != nullptr ? *votes : none).bit.data(),

@@ -3,6 +3,8 @@
 /// The fusion of one scan on a device, from the map as it is before the scan, and what differs from the map afterwards.
 #pragma once
 
+#include <openvdb/Types.h>
+
 #include <Eigen/Core>
 #include <cstdint>
 #include <span>
