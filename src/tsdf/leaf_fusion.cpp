@@ -7,26 +7,31 @@
 #include <cmath>
 
 namespace accessvdb::internal {
-LeafFusion::LeafFusion(const PackedMap& map, const RegionShape& shape, const LeafKernels& kernels)
-    : map_(map), shape_(shape), kernels_(kernels) {
+
+KernelConstants kernelConstants(const PackedMap& map, const RegionShape& shape) {
   const TsdfParams& p = map.params();
-  constants_.tau = shape.tau;
-  constants_.cone_cos = shape.cone_cos;
-  constants_.cone_cos_squared = shape.cone_cos_squared;
-  constants_.clamp_low = static_cast<float>(p.clamp_min_m / p.voxel_size_m);
-  constants_.clamp_high = shape.tau;
-  constants_.sample_scale = static_cast<float>(kSampleSteps) / (constants_.clamp_high - constants_.clamp_low);
-  constants_.band_begin = shape.band_begin;
-  constants_.band_end = shape.band_end;
-  constants_.band_radius_squared = shape.band_radius * shape.band_radius;
-  constants_.max_weight = static_cast<std::int32_t>(p.max_weight);
-  constants_.collision_mean = 0;  // set for each fold: it may change between scans
+  KernelConstants constants;
+  constants.tau = shape.tau;
+  constants.cone_cos = shape.cone_cos;
+  constants.cone_cos_squared = shape.cone_cos_squared;
+  constants.clamp_low = static_cast<float>(p.clamp_min_m / p.voxel_size_m);
+  constants.clamp_high = shape.tau;
+  constants.sample_scale = static_cast<float>(kSampleSteps) / (constants.clamp_high - constants.clamp_low);
+  constants.band_begin = shape.band_begin;
+  constants.band_end = shape.band_end;
+  constants.band_radius_squared = shape.band_radius * shape.band_radius;
+  constants.max_weight = static_cast<std::int32_t>(p.max_weight);
+  constants.collision_mean = static_cast<std::int32_t>(map.collisionMean());
   // Votes exist only with a collision distance that no longer changes.
-  constants_.collision_sample = static_cast<std::int32_t>((map.newsRule().collision_mean + 15) / 16);
-  constants_.zero_mean = static_cast<std::int32_t>(std::lround(-constants_.clamp_low * constants_.sample_scale * 16));
+  constants.collision_sample = static_cast<std::int32_t>((map.newsRule().collision_mean + 15) / 16);
+  constants.zero_mean = static_cast<std::int32_t>(std::lround(-constants.clamp_low * constants.sample_scale * 16));
+  return constants;
 }
 
-void LeafFusion::clearSums() { sums_.packed.fill(0); }
+LeafFusion::LeafFusion(const PackedMap& map, const RegionShape& shape, const LeafKernels& kernels)
+    : map_(map), shape_(shape), kernels_(kernels), constants_(kernelConstants(map, shape)) {}
+
+void LeafFusion::clearSums() { std::fill(std::begin(sums_.packed), std::end(sums_.packed), 0u); }
 
 void LeafFusion::flushSums() {
   if (!wide_) wide_sums_ = WideSums{};
@@ -75,14 +80,7 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
       markThinBand(origin_ijk, ray);
       continue;
     }
-    ReturnInLeaf local;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      local.leaf[axis] = static_cast<float>(origin_ijk[axis] - ray.base_ijk[axis]);
-    }
-    local.offset = ray.offset;
-    local.to_sensor = ray.to_sensor;
-    local.range = ray.range;
-    local.box_x = entry.band() ? ray.band_x : ray.cone_x;
+    const ReturnInLeaf local = kernels::seenFrom(origin_ijk.data(), ray, entry.band());
     if (entry.band()) {
       passes_ += kernels_.mark_band(local, constants_, passed_);
       continue;
@@ -133,7 +131,7 @@ void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
 bool LeafFusion::fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, FoldCounts& counts) {
   const auto& origin = leaf.origin();
   change.origin_ijk = {origin.x(), origin.y(), origin.z()};
-  constants_.collision_mean = static_cast<std::int32_t>(map_.collisionMean());
+  constants_.collision_mean = static_cast<std::int32_t>(map_.collisionMean());  // it may change between scans
   const LeafTarget target = {packedValues(leaf), &leaf.getValueMask().template getWord<std::uint64_t>(0), votes,
                              &contra_};
   counts.cleared_updates += passes_;
@@ -199,9 +197,9 @@ ScanVerdict LeafFusion::judgeWide(const LeafTarget& leaf, const KernelConstants&
     const std::uint64_t samples = wide_sums_.samples[n];
     if (samples == 0) continue;
     const std::uint64_t bit = std::uint64_t{1} << (n & 63);
-    const std::uint64_t mean = meanOf(leaf.packed[n]), zero = static_cast<std::uint64_t>(constants.zero_mean);
-    const bool contradicts = 32 * wide_sums_.distance[n] < (mean + zero) * samples;
-    const bool free = weightOf(leaf.packed[n]) > 0 && mean >= static_cast<std::uint64_t>(constants.collision_mean);
+    const std::uint32_t old = leaf.packed[n];
+    const bool contradicts = kernels::contradictsWide(old, wide_sums_.distance[n], samples, constants.zero_mean);
+    const bool free = weightOf(old) > 0 && meanOf(old) >= static_cast<std::uint32_t>(constants.collision_mean);
     scan.sampled[n >> 6] |= bit;
     if (contradicts) scan.contradicts[n >> 6] |= bit;
     if (free) scan.free[n >> 6] |= bit;
@@ -224,11 +222,7 @@ bool LeafFusion::foldWide(const LeafTarget& leaf, const KernelConstants& constan
     const std::uint32_t old = leaf.packed == nullptr ? 0 : leaf.packed[n];
     std::uint32_t now = old;
     if (const std::uint64_t samples = wide_sums_.samples[n]; samples > 0) {
-      const std::uint64_t total = weightOf(old) + samples;
-      const double numerator =
-          static_cast<double>(meanOf(old)) * weightOf(old) + 16.0 * static_cast<double>(wide_sums_.distance[n]);
-      const auto mean = static_cast<std::uint32_t>(numerator / static_cast<double>(total) + 0.5);
-      now = packVoxel(mean, static_cast<std::uint32_t>(std::min(total, max_weight)));
+      now = kernels::foldedWide(old, wide_sums_.distance[n], samples, max_weight);
       leaf.packed[n] = now;
       counts.distance_updates += samples;
       counts.newly_observed += weightOf(old) == 0 ? 1u : 0u;

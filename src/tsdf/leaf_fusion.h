@@ -19,19 +19,16 @@
 
 namespace accessvdb::internal {
 
-/// A return that reaches into a leaf: its index, and which part of its region reaches it.
-struct LeafEntry {
-  static constexpr std::uint32_t kBand = 1;
-  std::uint32_t code = 0;  ///< index << 1 | kBand
-  [[nodiscard]] std::uint32_t index() const { return code >> 1; }
-  [[nodiscard]] bool band() const { return (code & kBand) != 0; }
-};
+using kernels::LeafEntry;
 
 /// Totals for a leaf that more returns reach than LeafSums can hold.
 struct WideSums {
   std::array<std::uint64_t, 512> distance = {};
   std::array<std::uint32_t, 512> samples = {};
 };
+
+/// What the kernels need to know of a map, with the collision distance that it has now.
+[[nodiscard]] KernelConstants kernelConstants(const PackedMap& map, const RegionShape& shape);
 
 class LeafFusion {
  public:

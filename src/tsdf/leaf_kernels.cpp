@@ -9,6 +9,8 @@
 #include "processor/x86_kernels.h"
 
 // leaf_kernels_body.h is included once per instruction set, each time in its own namespace with its own lanes.
+#define ACCESSVDB_KERNEL inline
+#define ACCESSVDB_KERNEL_INLINE [[gnu::always_inline]] inline
 
 #if ACCESSVDB_X86_KERNELS
 #pragma GCC push_options
@@ -16,7 +18,9 @@
 namespace accessvdb::internal::avx512 {
 #include "tsdf/lanes_avx512.h"
 // The lanes come first.
-#include "tsdf/leaf_kernels_body.h"
+#include "tsdf/lanes_sixteen.h"
+// Uses what is defined above.
+#include "hostdev/leaf_kernels_body.h"
 }  // namespace accessvdb::internal::avx512
 #pragma GCC pop_options
 
@@ -25,7 +29,9 @@ namespace accessvdb::internal::avx512 {
 namespace accessvdb::internal::avx2 {
 #include "tsdf/lanes_avx2.h"
 // The lanes come first.
-#include "tsdf/leaf_kernels_body.h"
+#include "tsdf/lanes_sixteen.h"
+// Uses what is defined above.
+#include "hostdev/leaf_kernels_body.h"
 }  // namespace accessvdb::internal::avx2
 #pragma GCC pop_options
 #endif
@@ -33,22 +39,24 @@ namespace accessvdb::internal::avx2 {
 namespace accessvdb::internal::plain {
 #include "tsdf/lanes_plain.h"
 // The lanes come first.
-#include "tsdf/leaf_kernels_body.h"
+#include "tsdf/lanes_sixteen.h"
+// Uses what is defined above.
+#include "hostdev/leaf_kernels_body.h"
 }  // namespace accessvdb::internal::plain
 
 namespace accessvdb::internal {
 namespace {
 
 constexpr LeafKernels kPlain = {"plain",         plain::addDoubleCone, plain::addNews,          plain::addFullCube,
-                                plain::markBand, plain::gainedPairs,   plain::markMeasuredFree, plain::markColliding,
+                                plain::markBand, plain::gainedStrips,  plain::markMeasuredFree, plain::markColliding,
                                 plain::flipArm,  plain::fold};
 #if ACCESSVDB_X86_KERNELS
 constexpr LeafKernels kAvx512 = {
     "avx512",         avx512::addDoubleCone, avx512::addNews,          avx512::addFullCube,
-    avx512::markBand, avx512::gainedPairs,   avx512::markMeasuredFree, avx512::markColliding,
+    avx512::markBand, avx512::gainedStrips,  avx512::markMeasuredFree, avx512::markColliding,
     avx512::flipArm,  avx512::fold};
 constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addNews,          avx2::addFullCube,
-                               avx2::markBand, avx2::gainedPairs,   avx2::markMeasuredFree, avx2::markColliding,
+                               avx2::markBand, avx2::gainedStrips,  avx2::markMeasuredFree, avx2::markColliding,
                                avx2::flipArm,  avx2::fold};
 #endif
 

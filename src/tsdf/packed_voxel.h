@@ -1,22 +1,17 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// One voxel of the authored map in 32 bits: mean distance in 20 bits, weight in 12; 0 = unobserved.
+/// A voxel of the authored map (hostdev/packed_mean.h) as a value of its tree.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 
+#include "hostdev/packed_mean.h"
+
 namespace accessvdb::internal {
 
-/// Steps of a distance sample: [clamp_min, tau] in 16 bits. Steps of the stored mean: 16 times finer, 20 bits.
-inline constexpr std::uint32_t kSampleSteps = 65535;
-inline constexpr std::uint32_t kMeanSteps = kSampleSteps * 16;
-inline constexpr std::uint32_t kWeightBits = 12;
-inline constexpr std::uint32_t kWeightMask = (1u << kWeightBits) - 1;
-
-constexpr std::uint32_t packVoxel(std::uint32_t mean, std::uint32_t weight) { return mean << kWeightBits | weight; }
-constexpr std::uint32_t meanOf(std::uint32_t packed) { return packed >> kWeightBits; }
-constexpr std::uint32_t weightOf(std::uint32_t packed) { return packed & kWeightMask; }
+using kernels::kMeanSteps, kernels::kSampleSteps, kernels::kWeightBits, kernels::kWeightMask, kernels::meanOf,
+    kernels::packVoxel, kernels::weightOf;
 
 /// Value type of the map's tree. A separate type, so that the buffers of leaves come from our pool (leaf_pool.cpp):
 /// OpenVDB allocates them with new ValueType[512]. The operators are those that OpenVDB's trees require.

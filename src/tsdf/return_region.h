@@ -14,24 +14,11 @@
 #include <cstdint>
 
 #include "accessvdb/params.h"
+#include "hostdev/return_ray.h"
 
 namespace accessvdb::internal {
 
-/// Interval of leaf-relative offsets e along one axis.
-struct Interval {
-  float low, high;
-  [[nodiscard]] bool empty() const { return !(low <= high); }
-};
-
-/// One return with its ray, relative to a voxel near it, so that float32 keeps its precision anywhere in the map.
-struct ReturnRay {
-  std::array<std::int32_t, 3> base_ijk;  ///< voxel of the return
-  std::array<float, 3> offset;           ///< return minus base_ijk, in voxels, within +-0.5
-  std::array<float, 3> to_sensor;        ///< [u] unit
-  float range;                           ///< [R] in voxels
-  Interval cone_x, band_x;               ///< extents of its regions, set by ReturnBins
-  std::uint32_t news;                    ///< 1: it contradicts the map (new_things.h), set by markNews(); else 0
-};
+using kernels::Interval, kernels::kOwnVoxelRadius, kernels::kSlack, kernels::ReturnRay;
 
 /// The ray of a return. Rounded only where its parts are stored.
 /// @param p_L, q_L  [3] return and sensor, local frame, metres
@@ -57,17 +44,10 @@ void forEachThinBandVoxel(const RegionShape& shape, const ReturnRay& ray, const 
     const float s = shape.band_begin + 0.5f * static_cast<float>(m);
     if (!(s <= end)) return;
     std::array<std::int32_t, 3> voxel;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      voxel[axis] = static_cast<std::int32_t>(std::floor(ray.offset[axis] + s * ray.to_sensor[axis] + 0.5f));
-    }
+    for (std::size_t axis = 0; axis < 3; ++axis) voxel[axis] = kernels::thinBandVoxel(ray, s, static_cast<int>(axis));
     visit(voxel);
   }
 }
-
-/// Slack of the conservative bounds against rounding, in voxels.
-inline constexpr float kSlack = 1e-3f;
-/// Radius of the ball around the return that is always updated (|x-p| <= v), in voxels.
-inline constexpr float kOwnVoxelRadius = 1.0f;
 
 /// The part of a region in a slice e_a in [low, high] across the ray's dominant axis a: bounds on the other two axes.
 /// Conservative: never cuts off a voxel of the region.

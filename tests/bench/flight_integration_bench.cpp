@@ -6,7 +6,9 @@
 ///   fuse    ScanIntegrator::integrate, everything
 ///   points  PointStore::addReturns, the other part of the verb's `integrate`
 ///   age     where free space ages: what a scan's stamp makes unknown
-/// and a hash of the map, which no optimisation may change. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
+/// and a hash of the map, which no optimisation may change. With ACCESSVDB_BENCH_DEVICE=N, the last frame is also fused
+/// on the GPU, N times, and compared with the map: `device` is the time of the kernel, with all leaves in place and the
+/// returns sorted by leaf. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
 /// ACCESSVDB_BENCH_TIMED (100, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all),
 /// ACCESSVDB_BENCH_BLOCK (1 = new things block; 0), ACCESSVDB_BENCH_FREE_FOR_S (0 = for ever),
 /// ACCESSVDB_BENCH_ROUNDS (1), ACCESSVDB_BENCH_SCANS (a file that keeps the scans, as simulating them takes longer).
@@ -17,6 +19,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <memory>
 #include <vector>
 
 #include "bench/pine_flight.h"
@@ -24,6 +27,10 @@
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
 #include "tsdf/scan_integrator.h"
+#if ACCESSVDB_BENCH_HAS_CUDA
+#include "cuda/cuda_backend.h"
+#include "parity/scan_on_device.h"
+#endif
 
 namespace accessvdb {
 namespace {
@@ -63,6 +70,31 @@ std::uint64_t hashOf(const internal::PackedMap& map) {
   return hash;
 }
 
+#if ACCESSVDB_BENCH_HAS_CUDA
+/// The last frame on the GPU.
+class DeviceFrame {
+ public:
+  void fuse(const internal::PackedMap& map, const bench::FlightScan& scan, int times) {
+    twin_.take(map, scan.p_L, {&scan.q_L, 1});
+    for (int n = 0; n < times; ++n) ms_.push_back(static_cast<double>(twin_.fuse()));
+  }
+  void print(const internal::PackedMap& map, const internal::IntegrationResult& result) {
+    printTimes("device", ms_);
+    const test::FusionDifferences found = twin_.compare(map, result);
+    std::printf("device  %s: %llu leaves, %llu entries, %llu wide, %llu with votes; %llu differ\n",
+                backend_->name().c_str(), static_cast<unsigned long long>(twin_.leafCount()),
+                static_cast<unsigned long long>(twin_.entryCount()),
+                static_cast<unsigned long long>(twin_.wideLeafCount()),
+                static_cast<unsigned long long>(twin_.votedLeafCount()), static_cast<unsigned long long>(found.all()));
+  }
+
+ private:
+  std::unique_ptr<kernels::CudaBackend> backend_ = kernels::makeCudaBackend(kernels::CudaOptions{});
+  test::ScanOnDevice twin_{*backend_};
+  std::vector<double> ms_;
+};
+#endif
+
 void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
   const FieldParams params = bench::flightParams(voxel_size_m);
   internal::PackedMap map(params.tsdf);
@@ -86,11 +118,22 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     std::vector<std::span<const LeafChange>> aged_parts;
     if (map.agesFreeSpace()) aged_parts = map.generations()->pass(map, bench::kFlightPeriod_s);
     const double ageing_ms = ageing.milliseconds();
+#if ACCESSVDB_BENCH_HAS_CUDA
+    const int on_device = n + 1 == scans.size() ? environment("ACCESSVDB_BENCH_DEVICE", 0) : 0;
+    std::unique_ptr<DeviceFrame> device;
+    if (on_device > 0) {
+      device = std::make_unique<DeviceFrame>();
+      device->fuse(map, scan, on_device);
+    }
+#endif
     const CpuTime before = CpuTime::now();
     const kernels::Stopwatch fusing;
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
     const double ms = fusing.milliseconds();
     const CpuTime after = CpuTime::now();
+#if ACCESSVDB_BENCH_HAS_CUDA
+    if (device) device->print(map, result);
+#endif
     const kernels::Stopwatch adding;
     points.addReturns(scan.p_L, {&scan.q_L, 1});
     const double adding_ms = adding.milliseconds();

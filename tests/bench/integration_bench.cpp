@@ -152,7 +152,7 @@ void coneKernel(benchmark::State& state) {
   }
   double updates_a_round = 0;
   for (const auto& ray : rays) {
-    sums.packed.fill(0);
+    sums = {};
     kernels.add_double_cone(ray, constants, sums);
     for (const std::uint32_t packed : sums.packed) updates_a_round += accessvdb::internal::LeafSums::samplesOf(packed);
   }

@@ -23,11 +23,12 @@ launch   std api hostdev
 cpu      std posix simd api hostdev launch tbb
 cuda-memory std api hostdev launch cudart
 cuda-search std api hostdev launch cudart cuda-memory
+cuda-fusion std api hostdev launch cudart cuda-memory cuda-search
 cuda-update std api hostdev launch cudart cuda-memory cuda-search
 cuda     std api hostdev launch cudart cuda-memory cuda-update cuda-search
 vdb      openvdb
 processor std simd
-tsdf     std posix processor api grids eigen openvdb vdb tbb
+tsdf     std posix processor api grids eigen openvdb vdb tbb hostdev
 mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev processor
 change   std api eigen openvdb tbb launch hostdev tsdf points
@@ -160,7 +161,7 @@ check_types() {
       if (name ~ /^[A-Za-z0-9]+::/) next  # nested: Field::Impl
       sub(/[^A-Za-z0-9].*/, "", name)
       if (FILENAME ~ /^(examples|python)\//) next  # programs of their own
-      if (FILENAME ~ /\/lanes_[a-z0-9]+\.h$/) next
+      if (FILENAME ~ /\/lanes_[a-z0-9]+\.(h|cuh)$/) next
       where[++found] = FILENAME ":" FNR
       type[found] = name
       if (FILENAME ~ /\.(h|cuh)$/) in_header[name] = 1

@@ -19,7 +19,8 @@ plant_clean_tree() {
   write nanovdb_kernels/cpu/cpu_backend.cpp '#include <tbb/parallel_for.h>' '#include "launch/backend.h"' '#include <sys/mman.h>'
   write include/accessvdb/map.h 'class ACCESSVDB_API Map : public Base {' 'struct Map::Impl {' 'class Reader;'
   write src/tsdf/lanes_avx2.h 'struct Lanes {'
-  write src/tsdf/lanes_plain.h 'struct Lanes {'
+  write src/tsdf/lanes_plain.h 'struct Lanes {' '#include "hostdev/views.h"'
+  write nanovdb_kernels/cuda/fusion/lanes_cuda.cuh 'struct Lanes {'
   write src/tool/mesh.cpp 'struct Reader {' 'struct Own {'
   write src/field/own.cpp 'struct Own {' '  struct Map {'
   write src/tsdf/map.cpp '#include <tbb/parallel_for.h>' '#include <openvdb/openvdb.h>' '#include "tsdf/map.h"' '// exit(1)'
@@ -78,7 +79,7 @@ done
 for header in openvdb/openvdb.h Eigen/Core tbb/task_arena.h; do
   expect layer nanovdb_kernels/cuda/update/bad.cu "#include <$header>"
 done
-for header in hostdev/views.h launch/backend.h pcl/point_types.h points/store.h; do
+for header in launch/backend.h cuda_runtime.h pcl/point_types.h points/store.h; do
   expect layer src/tsdf/bad.cpp "#include \"$header\""
 done
 for header in pcl/point_types.h assimp/mesh.h field/field.h; do
@@ -100,6 +101,7 @@ done
 expect layer nanovdb_kernels/cuda/memory/bad.h '#include "cuda/search/warp.cuh"'
 expect layer nanovdb_kernels/cuda/search/bad.cuh '#include "cuda/update/update_views.cuh"'
 expect layer nanovdb_kernels/cuda/update/bad.cu '#include "cuda/cuda_backend.h"'
+expect layer nanovdb_kernels/cuda/fusion/bad.cu '#include "cuda/update/update_views.cuh"'
 for header in hostdev/views.h launch/backend.h cuda_runtime.h field/field.h; do
   expect layer src/io/bad.cpp "#include \"$header\""
 done

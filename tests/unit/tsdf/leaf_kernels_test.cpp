@@ -59,7 +59,7 @@ Bits run(const LeafKernels& kernels, bool cone, unsigned seed) {
     touched |= pairs;
     bits.passes.push_back(kernels.mark_band(ray, constants, bits.passed));
   }
-  bits.sums.assign(sums.packed.begin(), sums.packed.end());
+  bits.sums.assign(std::begin(sums.packed), std::end(sums.packed));
   std::vector<std::uint32_t> packed(512);
   for (auto& voxel : packed) voxel = random() % 3 == 0 ? 0 : packVoxel(random() % (kMeanSteps + 1), 1 + random() % 40);
   for (auto& word : bits.cleared) word = random() & random();
@@ -176,6 +176,27 @@ TEST(LeafKernels, FoldedMeansAreRoundedExactly) {
     EXPECT_EQ(wrong, 0u);
     EXPECT_GT(halves, 1000u);
   }
+}
+
+/// Wide sums are folded like narrow ones: which of them a leaf has may depend on who sums it.
+TEST(LeafKernels, WideSumsAreRoundedExactly) {
+  std::mt19937_64 random(11);
+  std::uint64_t halves = 0, wrong = 0;
+  for (int round = 0; round < 1000000; ++round) {
+    const std::uint64_t most = round % 3 == 0 ? 8 : round % 3 == 1 ? LeafSums::kMostSamples : 5000000;
+    const std::uint64_t samples = 1 + random() % most;
+    const auto weight = static_cast<std::uint32_t>(random() % (round % 2 == 0 ? 9 : kWeightMask + 1));
+    const auto mean = static_cast<std::uint32_t>(random() % (kMeanSteps + 1));
+    const std::uint32_t old = weight == 0 ? 0 : packVoxel(mean, weight);
+    const std::uint64_t sum = random() % (samples * kSampleSteps + 1), total = weight + samples;
+    const std::uint64_t numerator = std::uint64_t{meanOf(old)} * weight + 16 * sum;
+    halves += 2 * (numerator % total) == total ? 1 : 0;
+    const std::uint32_t expected = packVoxel(static_cast<std::uint32_t>((2 * numerator + total) / (2 * total)),
+                                             static_cast<std::uint32_t>(std::min<std::uint64_t>(total, 2000)));
+    wrong += kernels::foldedWide(old, sum, samples, 2000) != expected ? 1 : 0;
+  }
+  EXPECT_EQ(wrong, 0u);
+  EXPECT_GT(halves, 1000u);
 }
 
 }  // namespace

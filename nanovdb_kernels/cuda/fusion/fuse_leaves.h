@@ -1,0 +1,61 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Fuses a scan into the leaves that it reaches, on the device: bit for bit what LeafFusion does on the host.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+
+#include "hostdev/leaf_sums.h"
+#include "hostdev/return_ray.h"
+
+namespace accessvdb::kernels {
+
+/// A leaf that a scan may reach.
+struct alignas(16) FusedLeaf {
+  static constexpr std::uint32_t kNone = 0xffffffffu;
+  std::int32_t origin_ijk[3];   ///< lowest voxel
+  std::uint32_t begin, end;     ///< of its returns, in FusionView::entries
+  std::uint32_t slot;           ///< of its facts: FusionView::cleared
+  std::uint32_t values, votes;  ///< slots, or kNone: for leaves that only bands reach, and without any news
+};
+
+/// What the scan did to a leaf.
+struct FusedOutcome {
+  static constexpr std::uint32_t kReached = 1;   ///< else nothing else is written, and a new leaf is not wanted
+  static constexpr std::uint32_t kSampled = 2;   ///< it has values from now on
+  static constexpr std::uint32_t kFlipped = 4;   ///< FusionView::flips says what
+  static constexpr std::uint32_t kHasVotes = 8;  ///< it has votes from now on
+  std::uint32_t flags;
+  std::uint32_t distance_updates, cleared_updates, newly_observed, flipped_voxels;  ///< as in FoldCounts
+};
+
+/// Voxels whose facts flipped; 512 bits each, as LeafBits.
+struct alignas(16) FusedFlips {
+  std::uint32_t collides_on[16], collides_off[16], arm_free_on[16], arm_free_off[16];
+};
+
+/// A scan, and the parts of the map that it reaches. All pointers are device memory.
+struct FusionView {
+  const ReturnRay* rays;
+  const LeafEntry* entries;  ///< the returns of each leaf
+  const FusedLeaf* leaves;   ///< [count] those with more than kMostLightEntries first
+  std::uint32_t count, heavy;
+  bool full_cube;  ///< the paper's region in place of the double cone
+  bool thin_band;  ///< RegionShape::thinBand()
+  KernelConstants constants;
+  std::uint32_t* values;   ///< [slots x 512] packed (packed_mean.h)
+  std::uint32_t* cleared;  ///< [slots x 16]
+  std::uint32_t* votes;    ///< [slots x 3 x 16] the lowest bits first
+  FusedOutcome* outcomes;  ///< [count] out
+  FusedFlips* flips;       ///< [count] out
+};
+
+/// One warp sums the returns of a leaf; eight do if it has more than these, since one would take too long.
+inline constexpr std::uint32_t kMostLightEntries = 64;
+
+/// Queues the fusion.
+void launchFuseLeaves(const FusionView& view, cudaStream_t stream);
+
+}  // namespace accessvdb::kernels
