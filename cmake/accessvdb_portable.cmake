@@ -1,7 +1,7 @@
 # Target portable: the programs, the GPU suite and the benchmarks with their shared libraries in one archive that runs on
 # another Linux machine. What this configuration does not build is omitted.
 set(_programs "")
-foreach(_target IN ITEMS accessvdb_cli accessvdb_lab gpu_parity_test gpu_faults_test accessvdb_bench_ceilings accessvdb_bench_gpu accessvdb_bench_stream own_kernel)
+foreach(_target IN ITEMS accessvdb_cli accessvdb_lab gpu_parity_test gpu_faults_test tiles_equal_one_piece_test rolling_field_test accessvdb_bench_ceilings accessvdb_bench_gpu accessvdb_bench_stream own_kernel)
   if(TARGET ${_target})
     list(APPEND _programs ${_target})
   endif()

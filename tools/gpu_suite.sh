@@ -117,6 +117,15 @@ if wanted tests; then
   injection=$(grep -c '^\[       OK \] CudaMemory' "$out/tests.log" || true)
   if ((injection >= 5)); then outcome=passed; else outcome=failed; fi
   record_step out_of_memory_injection "$outcome" "\"passed\": $injection"
+  # Points of the surface, chosen on the GPU: tiles of a plan against one piece on the processor, and a rolling map
+  # against a field without a limit.
+  start=$(date +%s.%N)
+  for test in tiles_equal_one_piece_test rolling_field_test; do
+    ACCESSVDB_TILE_DEVICE=cuda "$bin/$test" --gtest_filter='*/points_of_surface'
+  done >"$out/tiles.log" 2>&1
+  if (($(grep -c '^\[       OK \]' "$out/tiles.log" || true) == 2)); then outcome=passed; else outcome=failed; fi
+  record_step tiles_of_surface_points "$outcome" "$(gtest_counts "$out/tiles.log"), \"seconds\": $(seconds_since "$start")"
+  [[ $outcome == passed ]] || grep -E 'FAILED|Failure|error' "$out/tiles.log" | head -20
 fi
 
 # Makes every CUDA call of a field fail once: at the start, in the middle of a run, for lack of memory.

@@ -39,13 +39,13 @@ using kernels::PathOccupancy;
 /// all tools in their order; DeviceView::axes_xyz and num_directions are then those of all. Such a view is put together
 /// on the host when it is first taken after a change.
 struct DevicePoints {
-  /// [3 n] x y z, metres, local frame: world minus DeviceView::origin_W. Not set if the reason is Confidence.
+  /// [3 n] x y z, metres, local frame: world minus DeviceView::origin_W. Not set where the weight is 0.
   const float* position_L = nullptr;
   const float* normal_L = nullptr;           ///< [3 n] unit; zero where there is none
   const float* stability = nullptr;          ///< [n] in [0, 1]
   const std::uint16_t* score = nullptr;      ///< [n] fewest collisions of any direction; kNoScore
   const std::uint16_t* direction = nullptr;  ///< [n] best direction; kNoDirection
-  const std::uint16_t* weight = nullptr;     ///< [n] observations behind the confidence
+  const std::uint16_t* weight = nullptr;     ///< [n] observations behind the confidence; 0: not here yet
   const PointLabel* label = nullptr;         ///< [n]
   const PointReason* reason = nullptr;       ///< [n]
   std::uint32_t count = 0;                   ///< [n]
@@ -104,9 +104,9 @@ struct DeviceView {
   }
 
   /// @param id  below points.count    @param p_W  out: metres, world
-  /// @return false: it was never scored, so its position is not here
+  /// @return false: it was never scored, so its position is not here. Of a point that only waits for that it is
   ACCESSVDB_HOSTDEV bool positionOf(std::uint32_t id, double* p_W) const {
-    if (points.reason[id] == PointReason::Confidence) return false;
+    if (points.weight[id] == 0) return false;
     for (int axis = 0; axis < 3; ++axis) p_W[axis] = origin_W[axis] + points.position_L[3 * std::size_t(id) + axis];
     return true;
   }

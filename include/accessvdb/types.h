@@ -49,13 +49,13 @@ struct FrameStats {
   std::uint64_t left_out_returns = 0;       ///< of points_used: those for which a map that no longer grows has no place
 };
 
-/// What one update() did.
+/// What one update() did. backlog, withheld_points and label_changes are of several tools the sums over them.
 struct UpdateStats {
   std::uint64_t dirty_points = 0;     ///< points looked at
   std::uint64_t scored_points = 0;    ///< points for which at least one direction was tested
   std::uint64_t direction_tests = 0;  ///< (point, direction) tests, arm or tool
   std::uint64_t backlog = 0;          ///< points left for a later update
-  std::uint64_t label_changes = 0;
+  std::uint64_t label_changes = 0;    ///< labels as found: that a point waits, and is unscored until then, is none
   double update_ms = 0;  ///< all but testing directions: noting scans since the last update(), choosing points,
                          ///< normals, unless begun with the scan
   double score_ms = 0;   ///< testing directions

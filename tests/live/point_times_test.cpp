@@ -333,37 +333,41 @@ TEST(LiveTimes, AScanThatThereWasNoTimeForBlocksWhereverItMoved) {
 
 /// The scans after it are of another clock and are dropped, one by one: labels follow all the same.
 TEST(LiveTimes, WhatThereWasNoTimeForBlocksAlsoIfTheNextScanIsDropped) {
-  LiveOptions options;
-  options.most_waiting_returns = 8000;
-  LiveSession session(test::boxTool({0, -0.03f, -0.03f}, {0.9f, 0.03f, 0.03f}), coarseParams(), options);
-  const auto send = [&](std::size_t n, float wall_m, double late) {
-    LiveScan scan;
-    scan.stamp_ns = stampOf(n);
-    for (int i = -30; i < 30; ++i)
-      for (int k = -30; k < 30; ++k) {
-        scan.points.emplace_back(wall_m, 0.02F * static_cast<float>(i), 0.02F * static_cast<float>(k));
-        scan.times.push_back(late + 0.001 * (i + 30));
-      }
-    for (const int ms : {0, 99}) session.addPose({stampOf(n) + ms * 1'000'000, {0, 0, 0}});
-    session.addScan(std::move(scan));
-  };
-  for (std::size_t n = 0; n < 10; ++n) {
-    send(n, 2, 0);
-    ASSERT_TRUE(session.step());
+  for (const double budget_ms : {0.0, 60000.0}) {
+    SCOPED_TRACE(budget_ms);
+    LiveOptions options;
+    options.budget_ms = budget_ms;
+    options.most_waiting_returns = 8000;
+    LiveSession session(test::boxTool({0, -0.03f, -0.03f}, {0.9f, 0.03f, 0.03f}), coarseParams(), options);
+    const auto send = [&](std::size_t n, float wall_m, double late) {
+      LiveScan scan;
+      scan.stamp_ns = stampOf(n);
+      for (int i = -30; i < 30; ++i)
+        for (int k = -30; k < 30; ++k) {
+          scan.points.emplace_back(wall_m, 0.02F * static_cast<float>(i), 0.02F * static_cast<float>(k));
+          scan.times.push_back(late + 0.001 * (i + 30));
+        }
+      for (const int ms : {0, 99}) session.addPose({stampOf(n) + ms * 1'000'000, {0, 0, 0}});
+      session.addScan(std::move(scan));
+    };
+    for (std::size_t n = 0; n < 10; ++n) {
+      send(n, 2, 0);
+      ASSERT_TRUE(session.step());
+    }
+    ASSERT_GT(session.field().snapshot().count(PointLabel::Accessible), 100U);
+    send(10, 1.2F, 0);
+    send(11, 2, 3600);
+    EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 1U);
+    session.endOfPoses();
+    const auto step = session.step();
+    ASSERT_TRUE(step) << "who only sees what changed hears of it";
+    EXPECT_TRUE(step->only_backlog);
+    EXPECT_EQ(step->stamp_ns, stampOf(9));
+    EXPECT_GT(step->changed.size(), 100U);
+    EXPECT_EQ(droppedFor(session, ScanDrop::Unusable), 1U) << session.status().motion;
+    EXPECT_EQ(session.field().snapshot().count(PointLabel::Accessible), 0U);
+    EXPECT_FALSE(session.step());
   }
-  ASSERT_GT(session.field().snapshot().count(PointLabel::Accessible), 100U);
-  send(10, 1.2F, 0);
-  send(11, 2, 3600);
-  EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 1U);
-  session.endOfPoses();
-  const auto step = session.step();
-  ASSERT_TRUE(step) << "who only sees what changed hears of it";
-  EXPECT_TRUE(step->only_backlog);
-  EXPECT_EQ(step->stamp_ns, stampOf(9));
-  EXPECT_GT(step->changed.size(), 100U);
-  EXPECT_EQ(droppedFor(session, ScanDrop::Unusable), 1U) << session.status().motion;
-  EXPECT_EQ(session.field().snapshot().count(PointLabel::Accessible), 0U);
-  EXPECT_FALSE(session.step());
 }
 
 }  // namespace

@@ -105,9 +105,23 @@ INSTANTIATE_TEST_SUITE_P(Neighbours, CudaNeighbours,
                          testing::Values(NeighboursCase{3}, NeighboursCase{20}, NeighboursCase{100},
                                          NeighboursCase{220}, NeighboursCase{221}, NeighboursCase{500}));
 // Many points of a cell at the same height, with as many returns: voxels decide.
-INSTANTIATE_TEST_SUITE_P(OfTheSurface, CudaNeighbours,
-                         testing::Values(NeighboursCase{3, 0.2}, NeighboursCase{20, 0.05}, NeighboursCase{100, 0.1},
-                                         NeighboursCase{221, 0.2}));
+constexpr NeighboursCase kOfTheSurface[] = {{3, 0.2}, {20, 0.05}, {100, 0.1}, {221, 0.2}};
+INSTANTIATE_TEST_SUITE_P(OfTheSurface, CudaNeighbours, testing::ValuesIn(kOfTheSurface));
+
+/// As the one below.
+TEST(AwkwardNeighbours, HavePointsBesideTheSurfaceAndOthers) {
+  for (const NeighboursCase& c : kOfTheSurface) {
+    SCOPED_TRACE(testing::PrintToString(c));
+    AccessibilityField field = fieldWith(c, BackendKind::Cpu);
+    for (const std::vector<Eigen::Vector3f>& scan : awkwardScans()) {
+      field.integrateScan(scan, Eigen::Isometry3d::Identity());
+      field.update();
+    }
+    const FieldSnapshot now = field.snapshot();
+    EXPECT_GT(now.reasons()[static_cast<std::size_t>(PointReason::BesideSurface)], 500u);
+    EXPECT_GT(now.count(PointLabel::Accessible) + now.count(PointLabel::Blocked), 30u);
+  }
+}
 
 /// Checks that the places contain what they must show. Needs no GPU.
 TEST(AwkwardNeighbours, GiveNormalsThatChange) {

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -286,6 +287,52 @@ TEST_F(CudaSurfaceField, RemovalsAndSavedStatesEqualTheCpu) {
     expectVaried(cuda.snapshot());
     EXPECT_GT(beside(cuda.snapshot()), 200u);
   }
+}
+
+/// A noisy wall 2 m away, one return for each centimetre.
+std::vector<Eigen::Vector3f> denseWall(std::uint64_t seed) {
+  constexpr int kSide = 300;
+  std::mt19937_64 random(seed);
+  std::vector<Eigen::Vector3f> points;
+  for (int i = 0; i < kSide; ++i) {
+    for (int k = 0; k < kSide; ++k) {
+      const auto across = [&](int n) { return 0.01 * (n - kSide / 2) + uniform(random, -0.004, 0.004); };
+      points.push_back(Eigen::Vector3d(2 + uniform(random, -0.01, 0.01), across(i), across(k)).cast<float>());
+    }
+  }
+  return points;
+}
+
+/// By one scan before an update, and by two.
+TEST_F(CudaSurfaceField, MorePointsThanAreHandedOverAtATime) {
+  constexpr std::uint64_t kAtATime = 1 << 16;  // src/update/device_admission.cpp
+  const SurfaceCase c = {
+      .seed = 23, .voxel_size_m = 0.01, .noise_m = 0.01, .spacing_m = 0.02, .tool = "builtin:pencil", .directions = 12};
+  const auto fieldOf = [&](BackendKind backend) {
+    FieldParams params = paramsOf(c, backend);
+    params.scoring.confidence_min = 0;
+    params.origin_W = {0, 0, 0};
+    return AccessibilityField(ToolGeometry::builtin(c.tool), params);
+  };
+  AccessibilityField cpu = fieldOf(BackendKind::Cpu), cuda = fieldOf(BackendKind::Cuda);
+  std::uint64_t seed = c.seed;
+  for (const int scans : {1, 2, 1}) {
+    SCOPED_TRACE(std::to_string(scans) + " scans");
+    for (int n = 0; n < scans; ++n) {
+      const std::vector<Eigen::Vector3f> points_S = denseWall(seed++);
+      for (AccessibilityField* field : {&cpu, &cuda}) {
+        ASSERT_GT(field->integrateScan(points_S, Eigen::Isometry3d::Identity()).points_used, kAtATime)
+            << "each in a voxel of its own";
+      }
+    }
+    ASSERT_EQ(cpu.update().label_changes, cuda.update().label_changes);
+    expectSame(cpu.snapshot(), cuda.snapshot());
+    if (HasFatalFailure()) return;
+  }
+  const FieldSnapshot now = cuda.snapshot();
+  EXPECT_GT(now.points.size(), 2 * kAtATime);
+  EXPECT_GT(beside(now), 10000u);
+  EXPECT_GT(now.count(PointLabel::Accessible) + now.count(PointLabel::Blocked), 5000u);
 }
 
 /// Why a point beside the surface is not scored, asked of both.

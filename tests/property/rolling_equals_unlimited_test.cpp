@@ -95,6 +95,9 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
   if (test.change == ChangeMode::Full) {
     EXPECT_GT(std::ranges::count(expected.points, PointReason::Changed, &SurfacePoint::reason), 20);
   }
+  if (test.spacing_m > 0) {
+    EXPECT_GT(std::ranges::count(expected.points, PointReason::BesideSurface, &SurfacePoint::reason), 100);
+  }
   const RollingStatus status = rolling.status();
   expectSameMap(unlimited, rolling, scratch);
   // Before anything is scored, all tiles of the shorter walk past what goes may fit.
@@ -665,6 +668,7 @@ std::vector<Case> cases() {
       {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = 0.5},
       {.name = "two_tools", .seed = 5, .change = ChangeMode::Block, .update_every = 5, .tools = 2},
       {.name = "ray_cloud", .seed = 6, .ray_cloud = true},
+      {.name = "points_of_surface", .seed = 7, .change = ChangeMode::Block, .spacing_m = 0.1},
       {.name = "full", .seed = 20, .change = ChangeMode::Full},
       {.name = "full_ray_cloud", .seed = 21, .change = ChangeMode::Full, .ray_cloud = true},
       {.name = "full_two_tools", .seed = 22, .change = ChangeMode::Full, .update_every = 5, .tools = 2},

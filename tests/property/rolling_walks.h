@@ -48,6 +48,7 @@ struct Case {
   bool ray_cloud = false;
   double memory_share = 0.7;  ///< of what all tiles take
   double free_for_s = std::numeric_limits<double>::infinity();
+  double spacing_m = 0;  ///< of the points that are scored; 0: all are
 };
 inline void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
 
@@ -177,6 +178,7 @@ inline FieldParams paramsOf(const Case& test) {
   params.backend = backendNamedBy("ACCESSVDB_TILE_DEVICE");
   params.change.mode = test.change;
   params.change.free_for_s = test.free_for_s;
+  params.scoring.point_spacing_m = test.spacing_m;
   return params;
 }
 

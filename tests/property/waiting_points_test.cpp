@@ -51,6 +51,36 @@ TEST(WaitingViews, LaterViewsOfARevisionLeaveTheFirstInPlace) {
   EXPECT_GT(changed, 0u);
 }
 
+/// A kernel knows where a point is that was scored before and waits; of one that never was it knows nothing.
+TEST(WaitingViews, HavePositionsOfPointsThatWereScored) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.05;
+  AccessibilityField field(ToolGeometry::builtin("builtin:pruner"), params);
+  const std::vector<Scan> scans = wallScans(2, 9, 900);
+  std::size_t waiting = 0, unknown = 0;
+  FieldSnapshot before;
+  for (std::size_t n = 0; n < scans.size(); ++n) {
+    field.setBudgetPoints(n + 1 == scans.size() ? 20 : 0);
+    field.integrateScan(scans[n].points_S, scans[n].T_W_S);
+    static_cast<void>(field.update());
+    const DeviceView view = field.hostView();
+    const FieldSnapshot now = field.snapshot();
+    for (std::size_t id = 0; id < now.points.size(); ++id) {
+      double p_W[3];
+      const bool has_position = view.positionOf(static_cast<std::uint32_t>(id), p_W);
+      const bool was_scored = now.points[id].label != PointLabel::Unscored ||
+                              (id < before.points.size() && before.points[id].label != PointLabel::Unscored);
+      ASSERT_TRUE(has_position || !was_scored) << id;
+      for (int axis = 0; axis < 3 && has_position; ++axis) ASSERT_EQ(p_W[axis], now.points[id].position_W[axis]) << id;
+      waiting += was_scored && now.points[id].label == PointLabel::Unscored ? 1 : 0;
+      unknown += has_position ? 0 : 1;
+    }
+    before = now;
+  }
+  EXPECT_GT(waiting, 50u);
+  EXPECT_GT(unknown, 50u);
+}
+
 INSTANTIATE_TEST_SUITE_P(Streams, WaitingPoints, testing::ValuesIn(waitingCases()),
                          [](const auto& test) { return std::string(test.param.name); });
 
