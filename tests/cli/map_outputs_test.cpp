@@ -68,6 +68,12 @@ TEST_F(MapOutputs, OfARunThatIsRefusedAreNotDeleted) {
   EXPECT_EQ(refused.exit_code, 4) << refused.err;
   EXPECT_NE(refused.err.find("poses.disagree"), std::string::npos) << refused.err;
   EXPECT_EQ(readText("out/plan.json"), plan);
+  const ProgramResult planned =
+      runProgram({"tile", "plan", path("out"), "--scans", path("scans"), "--poses", path("poses.txt"), "--tool",
+                  "builtin:pruner", "--voxel", "0.05", "--device", "cpu", "--fresh"});
+  EXPECT_EQ(planned.exit_code, 4) << planned.err;
+  EXPECT_NE(planned.err.find("poses.disagree"), std::string::npos) << planned.err;
+  EXPECT_EQ(readText("out/plan.json"), plan);
 }
 
 TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {

@@ -121,7 +121,6 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   requireNoInputsInTiles(options.out, inputsWith(options, scans));
   io::prepareOutputFolder(options.out);
-  if (options.fresh) tiles::removePlan(options.out);
   sayAboutScans(scans, messages);
   FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   addFirstReturns(scans.frame(), params);
@@ -131,6 +130,7 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   sayChangeNotes(params, messages);
   requireStamps(options, params, scans, messages);
   static_cast<void>(checkAgreement(options, params.tsdf.range_noise_m, scans, messages));
+  if (options.fresh) tiles::removePlan(options.out);  // only now: nothing is deleted for scans that are refused
   const PlanSettings settings = planSettings(flags);
   const PlanSources sources = {options, settings, tools, scans, params};
   std::int32_t edge = 0;
