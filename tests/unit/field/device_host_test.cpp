@@ -209,7 +209,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       const IntegrationResult result = integrator.integrate(p, q);
       points.describeTouched(scheduler->needs().deltas);
       const TouchedPoints touched = points.addReturns(p, q);
-      for (const Eigen::Vector3f& return_L : p) ++returns_of[points.voxelOf(return_L.cast<double>().eval())];
+      for (const Eigen::Vector3f& return_L : p) ++returns_of[points.voxelOf(return_L)];
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
       scheduler->noteChanges(p, q, {result.changes, {}});
