@@ -312,7 +312,7 @@ TEST(RollingLimit, LeavesNothingOutThatFits) {
 
 /// Without one of the caller's, the tiles leave room on a GPU for what a step takes besides.
 TEST(RollingLimit, OnAGpuIsMostOfWhatIsFreeThere) {
-  EXPECT_EQ(tiles::deviceLimit({.device_limit_bytes = 7}, 1000, 10), 7U);
+  EXPECT_EQ(tiles::deviceLimit({.folder = {}, .device_limit_bytes = 7}, 1000, 10), 7U);
   EXPECT_EQ(tiles::deviceLimit({}, 1000, 10), 810U);
   EXPECT_EQ(tiles::deviceLimit({}, 0, 0), 0U) << "on the CPU";
 }
