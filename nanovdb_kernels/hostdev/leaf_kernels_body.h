@@ -5,8 +5,8 @@
 //
 // Voxels of a leaf are handled kLanes at a time: a *strip*, kLanes / 8 rows along z, kSlabStrips of them to a slab of
 // equal x. Lanes hold a number each (Floats, Ints) or a flag each (Mask, Rows). Bits are the flags of a whole leaf, in
-// kBitWords words; a Slab has those of a slab. Every step is an IEEE operation that rounds once (no contraction), in
-// the same order for all lanes, so that all of them give the same bits.
+// kBitWords words; a Slab has those of a slab, Flips those of the facts that flipped. Every step is an IEEE operation
+// that rounds once (no contraction), in the same order for all lanes, so that all of them give the same bits.
 
 /// e along x, and the terms of s and |e|^2 that depend only on x.
 struct SlabTerms {
@@ -265,7 +265,7 @@ ACCESSVDB_KERNEL void markColliding(const std::uint32_t* packed, const KernelCon
   }
 }
 
-ACCESSVDB_KERNEL std::uint64_t flipArm(const AgedFacts& facts, BitWord* confirmed, LeafChange& change) {
+ACCESSVDB_KERNEL std::uint64_t flipArm(const AgedFacts& facts, BitWord* confirmed, Flips& change) {
   std::uint64_t flipped = 0;
   for (std::size_t n = 0; n < kBitWords; ++n) {
     confirmed[n] |= facts.confirmed[n];
@@ -308,8 +308,7 @@ ACCESSVDB_KERNEL void judge(const LeafTarget& leaf, const LeafSums& sums, const 
 /// @param facts  of the strips in `touched`  @param old_blocked, now_blocked  by votes
 /// @return whether a fact flipped; `change` is written in any case
 ACCESSVDB_KERNEL bool finishFold(const LeafTarget& leaf, std::uint32_t touched, const Bits& passed, LeafFacts& facts,
-                                 const Bits& old_blocked, const Bits& now_blocked, LeafChange& change,
-                                 FoldCounts& counts) {
+                                 const Bits& old_blocked, const Bits& now_blocked, Flips& change, FoldCounts& counts) {
   Bits gained;
   for (std::size_t n = 0; n < kBitWords; ++n) gained[n] = passed[n] & ~leaf.cleared[n];
   if (leaf.packed != nullptr) {
@@ -349,7 +348,7 @@ ACCESSVDB_KERNEL bool finishFold(const LeafTarget& leaf, std::uint32_t touched, 
 }
 
 ACCESSVDB_KERNEL bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t touched, LeafSums& sums,
-                           const Bits& passed, LeafChange& change, FoldCounts& counts) {
+                           const Bits& passed, Flips& change, FoldCounts& counts) {
   LeafFacts facts;
   Bits old_blocked = {}, now_blocked = {};
   if (leaf.votes != nullptr) {

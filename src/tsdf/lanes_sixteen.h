@@ -8,6 +8,7 @@ constexpr int kLanes = 16, kSlabStrips = 4;
 constexpr bool kKeepsSlabTerms = true;
 using Rows = std::uint32_t;  ///< one bit per lane
 using Bits = LeafBits;
+using Flips = LeafChange;
 using BitWord = std::uint64_t;
 using Slab = std::uint64_t;
 constexpr std::size_t kBitWords = 8;

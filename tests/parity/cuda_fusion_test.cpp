@@ -147,6 +147,22 @@ TEST_F(FusionTwin, MoreReturnsInALeafThanItsSumsCanHold) {
   compare(params, movingSheet(16, 8000, 0.01), farOf(params)).expectAtLeast({1000, 100, 1000, 100, 1000000, 10000});
 }
 
+/// All returns are in one voxel, so that each of the warps that share a leaf has to empty its sums.
+TEST_F(FusionTwin, MoreReturnsInAVoxelThanTheSumsOfAllWarpsCanHold) {
+  std::vector<TwinScan> scans;
+  std::mt19937 random(6);
+  for (int n = 0; n < 3; ++n) {
+    TwinScan& scan = scans.emplace_back();
+    scan.q_L = {0.3f, 0.2f * static_cast<float>(n), 2.0f};
+    for (int k = 0; k < 5000; ++k) {
+      const auto off = [&] { return 0.004f * (static_cast<float>(random() % 1001) / 500.0f - 1); };
+      scan.p_L.emplace_back(0.03f + off(), 0.02f + off(), 0.05f + off());
+    }
+  }
+  TsdfParams params = paramsOf(0.01, 0.06);
+  compare(params, scans, farOf(params)).expectAtLeast({12, 3, 0, 0, 500000, 100});
+}
+
 TEST_F(FusionTwin, WeightsAtTheirCap) {
   for (const std::uint32_t cap : {1u, 20u, 4095u}) {
     SCOPED_TRACE(cap);

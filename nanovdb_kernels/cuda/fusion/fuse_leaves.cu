@@ -142,7 +142,7 @@ __device__ SummedLeaf joinWarps(const SummedLeaf& of_warp, LeafSums& sums, WideL
 
 /// As the lanes' fold() folds narrow sums.
 __device__ bool foldWide(const lanes::LeafTarget& leaf, const KernelConstants& c, const SummedLeaf& of,
-                         const WideLeaf& wide, lanes::LeafChange& change, FoldCounts& counts) {
+                         const WideLeaf& wide, lanes::Flips& change, FoldCounts& counts) {
   const unsigned lane = threadIdx.x % kWarp;
   const auto limit = static_cast<std::uint32_t>(c.collision_mean);
   Bits old_blocked, now_blocked;
@@ -207,7 +207,7 @@ __device__ void foldLeaf(const FusionView& view, const FusedLeaf& leaf, const Su
   const lanes::LeafTarget target = {
       leaf.values == FusedLeaf::kNone ? nullptr : view.values + std::size_t{512} * leaf.values, &cleared.of_lane,
       may_vote ? &votes : nullptr, &of.contra};
-  lanes::LeafChange change;
+  lanes::Flips change;
   FoldCounts counts;
   const bool flipped = wide != nullptr
                            ? foldWide(target, view.constants, of, *wide, change, counts)

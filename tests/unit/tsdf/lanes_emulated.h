@@ -27,7 +27,7 @@ struct Bits {
 struct Votes {
   Bits bit[3];
 };
-struct LeafChange {
+struct Flips {
   Bits collides_on, collides_off, arm_free_on, arm_free_off;
 };
 using ScanVerdict = kernels::VerdictOf<Bits>;

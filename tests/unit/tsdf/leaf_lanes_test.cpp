@@ -153,7 +153,7 @@ TEST(LeafLanes, AWarpGivesTheBitsOfThePlainKernels) {
 
       const VoxelVotes old_votes = votes;
       LeafChange change;
-      emulated::LeafChange change_of_warp;
+      emulated::Flips change_of_warp;
       FoldCounts counts, counts_of_warp;
       const bool flipped =
           plain.fold({has_values ? packed.data() : nullptr, cleared.data(), has_votes ? &votes : nullptr, &contra},
