@@ -122,7 +122,7 @@ TEST_F(LiveRollingDds, GoesOnAfterItsCheckpointAndAnswersCommands) {
   fs::rename(path("out"), path("second"));
   const ProgramResult elsewhere = live({peer("rate=4 world=map")}, rolling({"--resume", path("tiles")}));
   EXPECT_EQ(elsewhere.exit_code, 128 + SIGINT) << elsewhere.err;
-  EXPECT_NE(elsewhere.err.find("warning[rolling.frame]: poses are in frame map now, and were in frame odom"),
+  EXPECT_NE(elsewhere.err.find("warning[rolling.frame] poses are in frame map now, and were in frame odom"),
             std::string::npos)
       << elsewhere.err;
 }
