@@ -154,7 +154,7 @@ TEST_P(CudaBudget, ServesTheFirstComersAsTheCpuDoes) {
 /// A budget may be another one at each update, or go and come: an update without one leaves nothing waiting.
 TEST_P(CudaBudget, ChangesFromUpdateToUpdate) {
   BudgetCase c = GetParam();
-  const int budgets[] = {c.budget_points / 8, 0, c.budget_points, c.budget_points / 4, 1'000'000, 0, 0};
+  const int budgets[] = {c.budget_points / 8, c.budget_points / 4, 0, c.budget_points, 1'000'000, 0, 0};
   c.budget_points = 0;
   AccessibilityField field(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cuda));
   const WalkGenerator walk = walkOf(c);
@@ -182,7 +182,7 @@ TEST_P(CudaBudget, ChangesFromUpdateToUpdate) {
   field.setBudgetPoints(0);
   EXPECT_EQ(field.update().backlog, 0u);
   EXPECT_EQ(outOfDate(field), 0u);
-  EXPECT_GT(waited, 3u);
+  EXPECT_GT(waited, 1u);
   EXPECT_GT(longest, 1u);
 }
 
