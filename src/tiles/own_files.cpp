@@ -12,6 +12,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/program/path_facts.h"
 #include "tiles/json_file.h"
+#include "tiles/plan_lock.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
 #include "tiles/rolling_files.h"
@@ -246,6 +247,7 @@ void removeOutdated(const fs::path& out, const Status& status) {
 
 void removePlan(const fs::path& out) {
   requireOwnFolders(out);
+  const PlanLock nobody_looks(out, PlanLock::Kind::ToWrite);
   // The plan last: while it is there, the rest is known to belong to it.
   std::vector<OwnFiles> all = {{}, ownTiles(out), ownRays(out), {}};
   for (const char* name : kManifests) {

@@ -16,7 +16,9 @@ PlanLock::PlanLock(const std::filesystem::path& out, Kind kind) {
   const std::filesystem::path plan = out / "plan.json";
   constexpr int kAttempts = 100;
   for (int n = 0; n < kAttempts; ++n) {
-    descriptor_ = ::open(plan.c_str(), O_RDONLY | O_CLOEXEC);
+    // Over NFS only a file that is open for writing can be locked against readers.
+    descriptor_ = ::open(plan.c_str(), (kind == Kind::ToRead ? O_RDONLY : O_RDWR) | O_CLOEXEC);
+    if (descriptor_ < 0 && errno == EACCES) descriptor_ = ::open(plan.c_str(), O_RDONLY | O_CLOEXEC);
     if (descriptor_ < 0) return;
     while (::flock(descriptor_, kind == Kind::ToRead ? LOCK_SH : LOCK_EX) != 0 && errno == EINTR) {
     }

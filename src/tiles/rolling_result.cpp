@@ -104,13 +104,20 @@ std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptio
   } else {
     removePlan(out_);
   }
+  const auto isLost = [&](const TileIndex& index) {
+    return std::ranges::count(tiles.lost(), TileId{index.first, index.second, {}}.name()) > 0;
+  };
+  std::vector<TileIndex> order = tiles.all();
+  // Those that were lost first: one of them that may not replace a whole tile is refused before any other is replaced.
+  std::ranges::stable_partition(order, isLost);
   Status status;
-  for (const TileIndex& index : tiles.all()) {
+  bool replacing = false;
+  for (const TileIndex& index : order) {
     tiles.visit(index, [&](const RollingTile& tile) {
-      const bool lost = std::ranges::count(tiles.lost(), TileId{index.first, index.second, {}}.name()) > 0;
-      status.done.push_back(writeOne(index, tile, lost, files));
+      status.done.push_back(writeOne(index, tile, isLost(index), files, replacing));
     });
   }
+  std::ranges::sort(status.done, {}, [](const Tile& tile) { return TileIndex{tile.id.x, tile.id.y}; });
   removeOutdated(out_, status);
   removeRays(out_);
   writeBinned(out_, plan_, raysOf(status.done));
@@ -119,8 +126,8 @@ std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptio
   return std::move(status.done);
 }
 
-Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
-                             const io::WriteOptions& files) const {
+Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bool lost, const io::WriteOptions& files,
+                             bool& replacing) const {
   const kernels::Stopwatch watch;
   Tile written;
   written.id = {index.first, index.second, {}};
@@ -142,6 +149,8 @@ Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bo
                        "Keep that result, or choose another folder for this one");
     }
   }
+  // From here until the end nobody takes old and new tiles together for a whole result.
+  if (!std::exchange(replacing, true)) removeRays(out_);
   folder.replace();
   return written;
 }

@@ -201,7 +201,7 @@ std::optional<LiveStep> LiveRun::takeStep(LiveSession& session) {
   } catch (const Error& error) {
     if (!rolling_.goesOnAfter(error)) throw;
   }
-  rolling_.afterStep(session, step.has_value());
+  rolling_.afterStep(session, step && !step->only_backlog);
   return step;
 }
 
