@@ -82,7 +82,7 @@ TEST(GuardedChild, ReadsWhileOtherThreadsWork) {
   writeField(folder);
   const io::VdbSummary alone = io::summarizeVdb(folder / "field.vdb");
   const BusyThreads busy;
-  for (int i = 0; i < 300 && !HasFailure(); ++i) {
+  for (int i = 0; i < 100 && !HasFailure(); ++i) {
     expectPrompt([&] {
       EXPECT_EQ(io::StoredField::open(folder.path()).points().points.size(), test::sampleField().points.size());
     });
@@ -100,7 +100,7 @@ TEST(GuardedChild, RefusesDamagedFilesWhileOtherThreadsWork) {
   writeField(folder);
   const auto whole = std::filesystem::file_size(folder / "field.vdb");
   const BusyThreads busy;
-  for (std::uintmax_t i = 0; i < 200 && !HasFailure(); ++i) {
+  for (std::uintmax_t i = 0; i < 100 && !HasFailure(); ++i) {
     std::filesystem::resize_file(folder / "field.vdb", whole - (whole / 2 + i * whole / 1000));
     expectPrompt([&] { EXPECT_THROW(static_cast<void>(io::StoredField::open(folder.path())), InputError); });
     expectPrompt([&] { EXPECT_THROW(static_cast<void>(io::summarizeVdb(folder / "field.vdb")), InputError); });
