@@ -3,24 +3,53 @@
 #include "tiles/plan_lock.h"
 
 #include <fcntl.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
+#include <thread>
 #include <utility>
 
+#include "accessvdb/error.h"
+
 namespace accessvdb::tiles {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+enum class Outcome { Locked, Busy, NoLocks };
+
+/// A lock of this open file. Beside it, a driver of tiles holds plan.json by flock(), which is another kind on a local
+/// disk, for the whole of its run (accessvdb.tiles).
+Outcome lockUntil(int descriptor, short kind, Clock::time_point end) {
+  for (;;) {
+    struct flock all = {};
+    all.l_type = kind;
+    all.l_whence = SEEK_SET;
+    if (::fcntl(descriptor, F_OFD_SETLK, &all) == 0) return Outcome::Locked;
+    if (errno != EAGAIN && errno != EACCES && errno != EINTR) return Outcome::NoLocks;
+    if (Clock::now() >= end) return Outcome::Busy;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+}
+
+}  // namespace
 
 PlanLock::PlanLock(const std::filesystem::path& out, Kind kind) {
   const std::filesystem::path plan = out / "plan.json";
-  constexpr int kAttempts = 100;
-  for (int n = 0; n < kAttempts; ++n) {
-    // Over NFS only a file that is open for writing can be locked against readers.
-    descriptor_ = ::open(plan.c_str(), (kind == Kind::ToRead ? O_RDONLY : O_RDWR) | O_CLOEXEC);
-    if (descriptor_ < 0 && errno == EACCES) descriptor_ = ::open(plan.c_str(), O_RDONLY | O_CLOEXEC);
+  const bool writes = kind == Kind::ToWrite;
+  // Over NFS both kinds of locks are one, and a tile waits for its own driver in vain, which keeps writers out as well.
+  const auto end = Clock::now() + (writes ? std::chrono::milliseconds(10'000) : std::chrono::milliseconds(200));
+  for (;;) {
+    descriptor_ = ::open(plan.c_str(), (writes ? O_RDWR : O_RDONLY) | O_CLOEXEC);
     if (descriptor_ < 0) return;
-    while (::flock(descriptor_, kind == Kind::ToRead ? LOCK_SH : LOCK_EX) != 0 && errno == EINTR) {
+    const Outcome outcome = lockUntil(descriptor_, static_cast<short>(writes ? F_WRLCK : F_RDLCK), end);
+    if (outcome == Outcome::NoLocks) return;
+    if (outcome == Outcome::Busy) {
+      ::close(std::exchange(descriptor_, -1));
+      if (!writes) return;
+      throw OutputError("output.locked", out.string(), "its tiles are being run", "Wait for it, or stop it");
     }
     // While this waited, the file may have given way to a new one.
     struct stat held, now;

@@ -7,11 +7,12 @@
 
 namespace accessvdb::tiles {
 
-/// Of plan.json as it is now. Where there is none, or the file system has no locks, it holds nothing.
+/// Of plan.json as it is now. Where there is none, or the file system has no locks, it holds nothing; nor to read after
+/// a short wait, since over NFS the driver of the tiles holds it, too.
 class PlanLock {
  public:
   enum class Kind { ToRead, ToWrite };
-  /// Waits for others, who hold it for moments only.
+  /// Waits for others, who hold it for moments only. @throws OutputError "output.locked" to write, after ten seconds
   PlanLock(const std::filesystem::path& out, Kind kind);
   ~PlanLock();
   PlanLock(const PlanLock&) = delete;
