@@ -178,6 +178,15 @@ void writeBinned(const fs::path& out, const Plan& plan, const Binned& rays) {
   writeManifest(out, plan, rays, {{{"first_step", 0}, {"end_step", rays.steps}, {"bytes", 1}}});
 }
 
+void removeBinned(const fs::path& out) {
+  std::error_code error;
+  fs::remove(manifestFile(out), error);
+  if (error) {
+    throw OutputError("output.write", manifestFile(out).string(), "cannot be deleted (" + error.message() + ")",
+                      "Check the folder's permissions");
+  }
+}
+
 std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIndex& tile) {
   std::vector<TileRays> rays;
   // The folder is deleted once all tiles are done; a tile may be deleted after that.

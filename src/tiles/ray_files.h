@@ -27,6 +27,8 @@ struct ShardRange {
 Binned writeBinned(const std::filesystem::path& out, const Plan& plan, const std::vector<io::InputFile>& inputs);
 /// The same for tiles that were made without rays on disk.
 void writeBinned(const std::filesystem::path& out, const Plan& plan, const Binned& rays);
+/// From then on binned() gives nothing, and nobody takes the tiles for whole. @throws OutputError
+void removeBinned(const std::filesystem::path& out);
 
 /// Where a tile's returns are, in the order of the steps.
 struct TileRays {

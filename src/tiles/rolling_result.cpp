@@ -111,11 +111,9 @@ std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptio
   // Those that were lost first: one of them that may not replace a whole tile is refused before any other is replaced.
   std::ranges::stable_partition(order, isLost);
   Status status;
-  bool replacing = false;
   for (const TileIndex& index : order) {
-    tiles.visit(index, [&](const RollingTile& tile) {
-      status.done.push_back(writeOne(index, tile, isLost(index), files, replacing));
-    });
+    tiles.visit(index,
+                [&](const RollingTile& tile) { status.done.push_back(writeOne(index, tile, isLost(index), files)); });
   }
   std::ranges::sort(status.done, {}, [](const Tile& tile) { return TileIndex{tile.id.x, tile.id.y}; });
   removeOutdated(out_, status);
@@ -126,8 +124,8 @@ std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptio
   return std::move(status.done);
 }
 
-Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bool lost, const io::WriteOptions& files,
-                             bool& replacing) const {
+Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
+                             const io::WriteOptions& files) const {
   const kernels::Stopwatch watch;
   Tile written;
   written.id = {index.first, index.second, {}};
@@ -149,8 +147,7 @@ Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bo
                        "Keep that result, or choose another folder for this one");
     }
   }
-  // From here until the end nobody takes old and new tiles together for a whole result.
-  if (!std::exchange(replacing, true)) removeRays(out_);
+  removeBinned(out_);  // until the end nobody takes old and new tiles together for a whole result
   folder.replace();
   return written;
 }

@@ -39,9 +39,8 @@ class RollingResult {
   [[nodiscard]] Plan planOf() const;
   /// Whether what is there is whole, and of files with the same content.
   [[nodiscard]] bool isRepeat() const;
-  /// @param replacing  in, out: whether another tile of an earlier result was replaced
-  [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, bool lost, const io::WriteOptions& files,
-                              bool& replacing) const;
+  [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
+                              const io::WriteOptions& files) const;
   [[nodiscard]] Binned raysOf(const std::vector<Tile>& done) const;
 
   Of of_;

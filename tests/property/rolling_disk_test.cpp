@@ -135,22 +135,6 @@ TEST(RollingLoss, IsATileOfAFieldWithOtherParameters) {
   static_cast<void>(ours.snapshot());
   EXPECT_EQ(ours.status().lost_tiles, std::vector<std::string>{tileOf(our_file)});
 }
-/// write() deletes what an earlier call has left in rays/ and tiles/.
-TEST(RollingWrite, RefusesAFolderThatHoldsItsOwn) {
-  const Case test = {.name = "own", .seed = 26};
-  const std::vector<Step> steps = walk(test, 6);
-  for (const char* const name : {"rays", "tiles/deeper"}) {
-    SCOPED_TRACE(name);
-    const ScratchFolder scratch;
-    RollingField field(toolsOf(test), paramsOf(test), {.folder = scratch / "out" / name, .tile_voxels = kTile_voxels});
-    for (std::size_t n = 0; n < steps.size(); ++n) integrate(field, steps[n], 0.1 * static_cast<double>(n));
-    field.checkpoint();
-    EXPECT_THROW(field.write(scratch / "out"), OutputError);
-    EXPECT_TRUE(std::filesystem::exists(scratch / "out" / name / "rolling.json"));
-    EXPECT_FALSE(field.write(scratch / "other").empty());
-  }
-}
-
 /// A process that was killed before its first checkpoint has left files, and nothing to go on from: it begins again.
 /// What only has a name like ours stays.
 TEST(RollingResume, BeginsAgainWhereThereWasNoCheckpoint) {
