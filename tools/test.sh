@@ -1,12 +1,19 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Installs what is missing, builds with warnings as errors, runs every test. The last line is the count:
+# Installs what is missing, builds with warnings as errors, runs the tests: all of them with --all, else without those
+# of tests/long_tests.txt and without benchmarks. The last line is the count:
 #   N passed, N failed[, N skipped]
-# Arguments go to ctest, for example: ./tools/test.sh -L parity
+# Further arguments go to ctest, for example: ./tools/test.sh -L parity
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 build=build/ci
+long=$(grep -v '^#' tests/long_tests.txt | sed 's/[.]/\\./g')
+settings=(-DACCESSVDB_BUILD_BENCHMARKS=OFF) choice=(-E "^(${long//$'\n'/|})\$")
+if [[ ${1:-} == --all ]]; then
+  settings=(-DACCESSVDB_BUILD_BENCHMARKS=ON) choice=()
+  shift
+fi
 results=$PWD/$build/test-results.xml
 
 stop_before_tests() {
@@ -16,11 +23,12 @@ stop_before_tests() {
 }
 
 ./tools/setup_debian.sh --tests || stop_before_tests "the set-up failed, see above."
-./tools/build_preset.sh ci || stop_before_tests "the build failed, see above."
+./tools/build_preset.sh ci "${settings[@]}" || stop_before_tests "the build failed, see above."
 
 rm -f "$results"
 ctest_code=0
-ctest --test-dir "$build" -j "$(nproc)" --output-on-failure --no-tests=error --output-junit "$results" "$@" || ctest_code=$?
+ctest --test-dir "$build" -j "$(nproc)" --output-on-failure --no-tests=error --output-junit "$results" \
+  ${choice[@]+"${choice[@]}"} "$@" || ctest_code=$?
 [[ -s $results ]] || stop_before_tests "ctest wrote no results (its exit code was $ctest_code)."
 
 # One line per test: passed, skipped or failed, then its name. A test that could not be started is a failure, not a skip.
@@ -49,5 +57,6 @@ if ((failed > 0)); then
   echo "Failed:"
   sed -n 's/^failed /  /p' <<<"$outcomes"
 fi
+((${#choice[@]} == 0)) || echo "Not run: the long tests (tests/long_tests.txt); --all runs them, too."
 echo "$passed passed, $failed failed$( ((skipped == 0)) || echo ", $skipped skipped")"
 ((failed == 0 && passed > 0 && ctest_code == 0))
