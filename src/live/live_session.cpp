@@ -204,12 +204,15 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
 
   /// @param around_W  a position that the map is near to
   void leaveOut(const internal::LostReturns& returns, const Eigen::Vector3d& around_W) {
-    if (!returns.empty()) news = left_out = true;
-    if (returns.everywhere()) {
+    if (returns.empty() && !owes_all) return;
+    news = left_out = true;
+    const bool all = std::exchange(owes_all, true) || returns.everywhere();
+    if (all) {
       map.leaveOut(std::array<Eigen::Vector3d, 1>{around_W}, internal::kFarthestReturn_m);
-    } else if (!returns.empty()) {
+    } else {
       map.leaveOut(returns.centres_W(), std::min(returns.radius_m(), internal::kFarthestReturn_m));
     }
+    owes_all = false;
   }
 
   /// A scan could not be fused: if the field did not break, what it saw is closed, as of one that is dropped.
@@ -284,6 +287,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   bool left_out = false;     ///< there are returns without a place since then
   bool news = false;         ///< the map changed since changed points were last looked for
   bool closed = false;       ///< what the scan saw whose step fails
+  bool owes_all = false;     ///< returns could not be left out (no memory), and are forgotten: everything has to be
   internal::LiveAgreement agreement{map.params().tsdf.range_noise_m, options.T_B_S};
 
   mutable std::mutex lock;  ///< for all that follows
@@ -357,6 +361,8 @@ void LiveSession::reset() {
   impl.agreement = internal::LiveAgreement(impl.map.params().tsdf.range_noise_m, impl.options.T_B_S);
   impl.unscored = 0;
   impl.left_out = impl.news = false;
+  impl.owes_all = false;
+  impl.latest_stamp_ns = 0;
   impl.backlog.times.clear();
   impl.backlog.points = impl.backlog.withheld = 0;
   const std::scoped_lock locked(impl.lock);

@@ -113,6 +113,26 @@ TEST(LiveLimits, WhatThereWasNoTimeForBlocks) {
   EXPECT_EQ(lost.status().left_out_returns, 0U);
 }
 
+/// Scans that are dropped after a reset, before there is a map again, are no step: it would have a stamp from before.
+TEST(LiveLimits, AResetForgetsTheLatestStamp) {
+  LiveOptions options;
+  options.queue_scans = 2;
+  options.most_waiting_returns = 4 * 3600;
+  LiveSession session(rod(), coarseParams(), options);
+  for (std::size_t n = 0; n < 3; ++n) {
+    const Scan scan = wallOrPanel(0, false);
+    session.addPose(poseOf(scan, n));
+    session.addScan(scanOf(scan, n));
+    ASSERT_TRUE(session.step());
+  }
+  session.reset();
+  for (std::size_t n = 10; n < 15; ++n) session.addScan(scanOf(wallOrPanel(0, n == 10), n));
+  EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 1U);
+  session.addPose(poseOf(wallOrPanel(0, true), 10));
+  session.endOfPoses();
+  EXPECT_FALSE(session.step());
+}
+
 /// Poses may be late by any time: what many scans saw before is remembered, and if it cannot be, everything is closed.
 TEST(LiveLimits, WhatManyScansSawBeforeTheirPosesBlocks) {
   constexpr std::size_t kFirst = 10;
