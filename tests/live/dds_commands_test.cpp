@@ -46,15 +46,16 @@ class LiveCommandsDds : public LiveDds {
 
 TEST_F(LiveCommandsDds, EachIsAnsweredInTimeUnderLoad) {
   simulate(scanCount(80));
-  const std::vector<std::string> round = {R"({"id":%d,"command":"save"})",
-                                          R"({"id":%d,"command":"pause"})",
-                                          R"({"id":%d,"command":"checkpoint"})",
-                                          R"({"id":%d,"command":"checkpoint"})",
-                                          R"({"id":%d,"command":"resume"})",
+  // What takes long comes after the pause: else it and resume may be read at once, with no scan between them.
+  const std::vector<std::string> round = {R"({"id":%d,"command":"pause"})",
                                           R"({"id":%d,"command":"remove","box":[-100,-100,-100,-99,-99,-99]})",
                                           R"({"id":%d,"command":"fly"})",
                                           R"({"id":%d})",
                                           R"({"id":%d,"command":"remove","box":[0,0,0,1,1,"x"]})",
+                                          R"({"id":%d,"command":"resume"})",
+                                          R"({"id":%d,"command":"save"})",
+                                          R"({"id":%d,"command":"checkpoint"})",
+                                          R"({"id":%d,"command":"checkpoint"})",
                                           R"({"id":%d,"command":"remove","box":[-1,-1,1,1,1,2],"as":"free"})",
                                           R"({"id":%d,"command":"reset"})"};
   std::vector<std::string> lines;
@@ -67,7 +68,7 @@ TEST_F(LiveCommandsDds, EachIsAnsweredInTimeUnderLoad) {
   expectAllAccountedFor(sent_.size());
   const std::map<int, Answer> got = answers();
   ASSERT_EQ(got.size(), lines.size()) << readText("peers");
-  const bool done[] = {true, true, true, true, true, false, false, false, false, true, true};
+  const bool done[] = {true, false, false, false, false, true, true, true, true, true, true};
   double worst_ms = 0;
   for (const auto& [n, answer] : got) {
     const auto kind = static_cast<std::size_t>(n) % round.size();
@@ -75,14 +76,14 @@ TEST_F(LiveCommandsDds, EachIsAnsweredInTimeUnderLoad) {
     EXPECT_LT(answer.ms, 1000) << answer.said;
     EXPECT_EQ(answer.said["id"], n);
     EXPECT_FALSE(answer.said["words"].get<std::string>().empty());
-    if ((kind == 0 || kind == 2 || kind == 3) && n > 10) continue;  // after a reset there may be nothing to save yet
-    if (kind == 9) continue;                                        // nor to remove
+    if (kind >= 6 && kind <= 8 && n > 10) continue;  // after a reset there may be nothing to save yet
+    if (kind == 9) continue;                         // nor to remove
     EXPECT_EQ(answer.said["done"], done[kind]) << answer.said;
   }
   std::cout << "answers to " << lines.size() << " commands at 10 per second took at most " << worst_ms << " ms\n";
-  EXPECT_NE(got.at(6).said["words"].get<std::string>().find("is not known; there are save,"), std::string::npos);
-  EXPECT_NE(got.at(8).said["words"].get<std::string>().find("six numbers"), std::string::npos);
-  EXPECT_NE(got.at(0).said["words"].get<std::string>().find(path("out")), std::string::npos) << got.at(0).said;
+  EXPECT_NE(got.at(2).said["words"].get<std::string>().find("is not known; there are save,"), std::string::npos);
+  EXPECT_NE(got.at(4).said["words"].get<std::string>().find("six numbers"), std::string::npos);
+  EXPECT_NE(got.at(6).said["words"].get<std::string>().find(path("out")), std::string::npos) << got.at(6).said;
   EXPECT_EQ(report_["live"]["commands"]["received"], lines.size());
   EXPECT_EQ(report_["live"]["commands"]["done"].get<std::size_t>() +
                 report_["live"]["commands"]["refused"].get<std::size_t>(),
