@@ -5,7 +5,8 @@
 /// ACCESSVDB_BENCH_VOXEL_MM (50), ACCESSVDB_BENCH_LIMIT_MB (2000; 0 = none), ACCESSVDB_BENCH_RANGE_M (30),
 /// ACCESSVDB_BENCH_FULL (0; 1 = --change full), ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 =
 /// all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw), ACCESSVDB_BENCH_RESUME_EVERY_M (0 = never; otherwise the field is saved
-/// and closed after so many metres, opened again from its folder and goes on), TMPDIR for where tiles go.
+/// and closed after so many metres, opened again from its folder and goes on), ACCESSVDB_BENCH_UPDATE_EVERY (1; labels
+/// follow every so many scans), TMPDIR for where tiles go.
 #include <stdlib.h>
 
 #include <algorithm>
@@ -154,12 +155,13 @@ int run() {
   std::vector<double> step_ms;
   const int steps = 2 * flight.frames(), row = static_cast<int>(kMetresPerRow / kStep_m);
   const int resume_every = static_cast<int>(environment("ACCESSVDB_BENCH_RESUME_EVERY_M", 0) / kStep_m);
+  const int update_every = std::max(environment("ACCESSVDB_BENCH_UPDATE_EVERY", 1), 1);
   for (int n = 0; n < steps; ++n) {
     if (resume_every > 0 && n > 0 && n % resume_every == 0) field.resume();
     const Scan scan = flight.at(n < flight.frames() ? n : steps - 1 - n);
     const Moment start = Moment::now();
     field->integrateScan(scan.points_S, scan.T_W_S, bench::kFlightPeriod_s * n);
-    field->update();
+    if ((n + 1) % update_every == 0 || n + 1 == steps) field->update();
     step_ms.push_back(Moment::now().clock_ms - start.clock_ms);
     if ((n + 1) % row != 0 && n + 1 != steps) continue;
     const RollingStatus status = field.status();
