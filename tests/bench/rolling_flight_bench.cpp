@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Memory and time of a rolling field along a flight through the forest of `accessvdb-lab bench`, out and back: a table
 /// with a row per 100 m. Options by environment: ACCESSVDB_BENCH_METRES (400; the way out and back together),
-/// ACCESSVDB_BENCH_VOXEL_MM (50), ACCESSVDB_BENCH_LIMIT_MB (2000; 0 = none), ACCESSVDB_BENCH_RANGE_M (30),
+/// ACCESSVDB_BENCH_VOXEL_MM (50), ACCESSVDB_BENCH_LIMIT_MB (2000; 0 = none), ACCESSVDB_BENCH_PROCESS_MB (0 = none; like
+/// --max-memory, with this program's own memory, and RSS and peak then have it, too), ACCESSVDB_BENCH_RANGE_M (30),
 /// ACCESSVDB_BENCH_FULL (0; 1 = --change full), ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 =
 /// all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw), ACCESSVDB_BENCH_RESUME_EVERY_M (0 = never; otherwise the field is saved
 /// and closed after so many metres, opened again from its folder and goes on), ACCESSVDB_BENCH_UPDATE_EVERY (1; labels
@@ -138,8 +139,11 @@ int run() {
   options.folder = folder + "/tiles";
   options.memory_limit_bytes =
       std::uint64_t{1000000} * static_cast<std::uint64_t>(environment("ACCESSVDB_BENCH_LIMIT_MB", 2000));
+  options.process_limit_bytes =
+      std::uint64_t{1000000} * static_cast<std::uint64_t>(environment("ACCESSVDB_BENCH_PROCESS_MB", 0));
+  if (options.process_limit_bytes > 0) options.memory_limit_bytes = 0;
   options.tile_voxels = environment("ACCESSVDB_BENCH_TILE", 0);
-  const std::uint64_t before = residentBytes("VmRSS:");
+  const std::uint64_t program = residentBytes("VmRSS:"), before = options.process_limit_bytes > 0 ? 0 : program;
   const int sphere_deg = environment("ACCESSVDB_BENCH_SPHERE_DEG", 0);
   const OrientationSet orientations = sphere_deg > 0 ? OrientationSet::sphere(sphere_deg) : OrientationSet::yaw();
   const Moment making = Moment::now();
@@ -149,7 +153,7 @@ int run() {
   std::printf("tables of the tool: %.0f ms, %.1f MB\n", made_ms, 1e-6 * static_cast<double>(begin.memory_bytes));
   std::printf("tiles of %d voxels, %.1f m, margin %.1f m; simulator and program %.0f MB\n", begin.tile_voxels,
               begin.tile_voxels * params.tsdf.voxel_size_m, begin.margin_voxels * params.tsdf.voxel_size_m,
-              1e-6 * static_cast<double>(before));
+              1e-6 * static_cast<double>(program));
   std::printf("%6s %6s %9s %9s %9s %9s | %8s %8s %8s | %6s %6s %10s\n", "m", "tiles", "in memory", "counts MB",
               "RSS MB", "peak MB", "median", "p99", "most ms", "saved", "loaded", "points");
   std::vector<double> step_ms;
