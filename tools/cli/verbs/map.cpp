@@ -289,7 +289,6 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   std::uint64_t full_bytes = 0;
   if (files.half_float) files.full_bytes = &full_bytes;
   report_.replaces_files = true;
-  outputs_.startOver();  // not before there is something to take its place
   writeField(field, out, files);
   if (files.half_float) messages_.notice(savingOfHalf(fs::file_size(out / "field.vdb"), full_bytes));
   written_ = true;
@@ -331,7 +330,6 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
     io::WriteOptions files = writeOptions(options_.exported);
     files.frame = scans.frame();
     report_.replaces_files = true;
-    outputs_.startOver();
     writeFieldUnscored(field, out, files);
     addOutputs(report_.outputs, out, fieldFilesOf(options_.exported));
     io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
@@ -386,9 +384,10 @@ int MapRun::run() {
   requireStamps(options_, params, scans, messages_);
   report_.agreement = checkAgreement(options_, params.tsdf.range_noise_m, scans, messages_);
   report_.tools = reportedTools(options_, tools);
+  outputs_.startOver();
   const PlanSources sources = {options_, settings_, tools, scans, params};
   if (!options_.rolling.empty()) return rolling(sources);
-  const bool goes_on = options_.tiles == "auto" && !options_.fresh && tiles::hasPlan(options_.out);
+  const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
   std::function<tiles::TileMargins()> margins;
   if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) {
@@ -418,7 +417,6 @@ int MapRun::run() {
 
 int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
-  outputs_.startOver();
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
   if (report_.tiles) writeViews(sources.tools);
@@ -427,7 +425,6 @@ int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
 
 int MapRun::rolling(const PlanSources& sources) {
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
-  outputs_.startOver();
   const int exit_code = mapRolling(sources, pose_inputs_, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
   if (report_.tiles) writeViews(sources.tools);
