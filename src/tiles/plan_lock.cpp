@@ -4,6 +4,7 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -19,6 +20,13 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 enum class Outcome { Locked, Busy, NoLocks };
+
+/// Over NFS both kinds of locks are one: a tile waits for its own driver in vain, which keeps writers out as well.
+bool isOverNfs(const std::filesystem::path& folder) {
+  constexpr long kNfs = 0x6969;  // NFS_SUPER_MAGIC
+  struct statfs system;
+  return ::statfs(folder.c_str(), &system) == 0 && system.f_type == kNfs;
+}
 
 /// A lock of this open file. Beside it, a driver of tiles holds plan.json by flock(), which is another kind on a local
 /// disk, for the whole of its run (accessvdb.tiles).
@@ -39,8 +47,8 @@ Outcome lockUntil(int descriptor, short kind, Clock::time_point end) {
 PlanLock::PlanLock(const std::filesystem::path& out, Kind kind) {
   const std::filesystem::path plan = out / "plan.json";
   const bool writes = kind == Kind::ToWrite;
-  // Over NFS both kinds of locks are one, and a tile waits for its own driver in vain, which keeps writers out as well.
-  const auto end = Clock::now() + (writes ? std::chrono::milliseconds(10'000) : std::chrono::milliseconds(200));
+  const bool waits = writes || !isOverNfs(out);
+  const auto end = Clock::now() + (waits ? std::chrono::milliseconds(10'000) : std::chrono::milliseconds(200));
   for (;;) {
     descriptor_ = ::open(plan.c_str(), (writes ? O_RDWR : O_RDONLY) | O_CLOEXEC);
     if (descriptor_ < 0) return;
@@ -55,7 +63,7 @@ PlanLock::PlanLock(const std::filesystem::path& out, Kind kind) {
     struct stat held, now;
     const bool same = ::fstat(descriptor_, &held) == 0 && ::stat(plan.c_str(), &now) == 0 &&
                       held.st_dev == now.st_dev && held.st_ino == now.st_ino;
-    if (same) return;
+    if (same || Clock::now() >= end) return;
     ::close(std::exchange(descriptor_, -1));
   }
 }

@@ -8,7 +8,7 @@
 namespace accessvdb::tiles {
 
 /// Of plan.json as it is now. Where there is none, or the file system has no locks, it holds nothing; nor to read after
-/// a short wait, since over NFS the driver of the tiles holds it, too.
+/// ten seconds, or a fifth of one over NFS, where the driver of the tiles holds it, too.
 class PlanLock {
  public:
   enum class Kind { ToRead, ToWrite };
