@@ -202,13 +202,14 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     oldest_due = backlog.times.oldest();
   }
 
-  /// @param around_W  a position that the map is near to
-  void leaveOut(const internal::LostReturns& returns, const Eigen::Vector3d& around_W) {
-    if (returns.empty() && !owes_all) return;
+  /// @param around_W  a position that the map is near to, if there is one: everything is not closed before
+  void leaveOut(const internal::LostReturns& returns, const std::optional<Eigen::Vector3d>& around_W) {
+    if (returns.empty() && !(owes_all && around_W)) return;
     news = left_out = true;
     const bool all = std::exchange(owes_all, true) || returns.everywhere();
+    if (all && !around_W) return;
     if (all) {
-      map.leaveOut(std::array<Eigen::Vector3d, 1>{around_W}, internal::kFarthestReturn_m);
+      map.leaveOut(std::array<Eigen::Vector3d, 1>{*around_W}, internal::kFarthestReturn_m);
     } else {
       map.leaveOut(returns.centres_W(), std::min(returns.radius_m(), internal::kFarthestReturn_m));
     }
@@ -406,7 +407,8 @@ std::optional<LiveStep> LiveSession::step() {
     if (!ready) {
       std::optional<LiveStep> step;
       try {
-        impl_->leaveOut(*lost, impl_->map.origin_W());
+        const bool has_map = impl_->latest_stamp_ns != 0;
+        impl_->leaveOut(*lost, has_map ? std::optional(impl_->map.origin_W()) : std::nullopt);
         if (impl_->updateIsDue(at_end)) step = impl_->workOffBacklog();
         if (step && impl_->latest_stamp_ns == 0 && step->changed.empty()) step.reset();  // there is no map yet
       } catch (...) {
