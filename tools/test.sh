@@ -10,10 +10,14 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 build=build/ci
 long=$(grep -v '^#' tests/long_tests.txt | sed 's/[.]/\\./g')
 settings=(-DACCESSVDB_BUILD_BENCHMARKS=OFF) choice=(-E "^(${long//$'\n'/|})\$")
-if [[ ${1:-} == --all ]]; then
-  settings=(-DACCESSVDB_BUILD_BENCHMARKS=ON) choice=()
-  shift
-fi
+arguments=()
+for argument in "$@"; do
+  case $argument in
+    --all) settings=(-DACCESSVDB_BUILD_BENCHMARKS=ON) choice=() ;;
+    -R | --tests-regex) choice=() && arguments+=("$argument") ;;  # who names tests means them
+    *) arguments+=("$argument") ;;
+  esac
+done
 results=$PWD/$build/test-results.xml
 
 stop_before_tests() {
@@ -28,7 +32,7 @@ stop_before_tests() {
 rm -f "$results"
 ctest_code=0
 ctest --test-dir "$build" -j "$(nproc)" --output-on-failure --no-tests=error --output-junit "$results" \
-  ${choice[@]+"${choice[@]}"} "$@" || ctest_code=$?
+  ${choice[@]+"${choice[@]}"} ${arguments[@]+"${arguments[@]}"} || ctest_code=$?
 [[ -s $results ]] || stop_before_tests "ctest wrote no results (its exit code was $ctest_code)."
 
 # One line per test: passed, skipped or failed, then its name. A test that could not be started is a failure, not a skip.
