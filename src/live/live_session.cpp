@@ -410,7 +410,7 @@ std::optional<LiveStep> LiveSession::step() {
         const bool has_map = impl_->latest_stamp_ns != 0;
         impl_->leaveOut(*lost, has_map ? std::optional(impl_->map.origin_W()) : std::nullopt);
         if (impl_->updateIsDue(at_end)) step = impl_->workOffBacklog();
-        if (step && impl_->latest_stamp_ns == 0 && step->changed.empty()) step.reset();  // there is no map yet
+        if (step && !has_map && step->changed.empty()) step.reset();
       } catch (...) {
         const std::scoped_lock locked(impl_->lock);
         impl_->update_is_due = false;  // the next step tries again; nobody is woken for that alone
