@@ -35,7 +35,8 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::uint64_t kExtraMemoryBytes = std::uint64_t{2} << 30;
+constexpr std::uint64_t kMostMemoryBytes = std::uint64_t{2} << 30, kLeastMemoryBytes = std::uint64_t{256} << 20;
+constexpr std::uint64_t kMemoryPerByte = 1000;  // of the file; whole meshes take far less
 constexpr rlim_t kCpuSeconds = 10;
 constexpr std::chrono::seconds kWallTime{20};
 constexpr std::uint64_t kMaxTriangles = 20'000'000, kMaxVertices = 60'000'000;
@@ -153,11 +154,20 @@ std::string collect(const aiScene& scene, ChildMesh& out) {
   return {};
 }
 
-constexpr const char* kOutOfMemory = "reading the mesh needs more than 2 GiB of memory";
+/// A small file that asks for gigabytes is damaged, and clearing them takes seconds. The faces of a .gltf are beside
+/// it.
+std::uint64_t memoryFor(const MeshFile& file) {
+  if (file.extension == "gltf") return kMostMemoryBytes;
+  return std::min(kMostMemoryBytes, kLeastMemoryBytes + kMemoryPerByte * file.bytes.size());
+}
 
-std::string failureOf(const Assimp::Importer& importer) {
+std::string outOfMemory(const MeshFile& file) {
+  return "reading the mesh needs more than " + std::to_string(memoryFor(file) >> 20) + " MiB of memory";
+}
+
+std::string failureOf(const Assimp::Importer& importer, const MeshFile& file) {
   const std::string text = importer.GetErrorString();
-  return text.find("bad_alloc") != text.npos ? kOutOfMemory : "the mesh is malformed: " + text;
+  return text.find("bad_alloc") != text.npos ? outOfMemory(file) : "the mesh is malformed: " + text;
 }
 
 /// Runs in the child. @return an error in words, or nothing
@@ -169,7 +179,7 @@ std::string import(const MeshFile& file, const std::filesystem::path& folder, Ch
   // The user's pose is in the file's own axes, so they stay unchanged.
   importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
   const aiScene* scene = importer.ReadFile(name, 0);
-  if (!scene) return failureOf(importer);
+  if (!scene) return failureOf(importer, file);
   for (unsigned n = 0; n < scene->mNumMeshes; ++n) {
     const aiMesh& mesh = *scene->mMeshes[n];
     // A face that the header announces but the file lacks has no indices.
@@ -177,7 +187,7 @@ std::string import(const MeshFile& file, const std::filesystem::path& folder, Ch
   }
   if (out.file_faces == 0) return {};
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
-  if (!scene) return failureOf(importer);
+  if (!scene) return failureOf(importer, file);
   return collect(*scene, out);
 }
 
@@ -193,7 +203,7 @@ bool writeAll(int fd, const void* data, std::size_t size) {
   return true;
 }
 
-void limitChild() {
+void limitChild([[maybe_unused]] std::uint64_t memory_bytes) {
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
   ::prctl(PR_SET_DUMPABLE, 0);
   for (int number : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM, SIGXCPU}) ::signal(number, SIG_DFL);
@@ -216,20 +226,20 @@ void limitChild() {
     if (std::fscanf(statm, "%llu", &mapped_pages) != 1) mapped_pages = 0;
     std::fclose(statm);
   }
-  const rlim_t bytes = rlim_t(mapped_pages) * rlim_t(::sysconf(_SC_PAGESIZE)) + kExtraMemoryBytes;
+  const rlim_t bytes = rlim_t(mapped_pages) * rlim_t(::sysconf(_SC_PAGESIZE)) + memory_bytes;
   const rlimit memory = {bytes, bytes};
   ::setrlimit(RLIMIT_AS, &memory);
 #endif
 }
 
 [[noreturn]] void runChild(int fd, const MeshFile& file, const std::filesystem::path& folder) {
-  limitChild();
+  limitChild(memoryFor(file));
   ChildMesh mesh;
   std::string problem;
   try {
     problem = import(file, folder, mesh);
   } catch (const std::bad_alloc&) {
-    problem = kOutOfMemory;
+    problem = outOfMemory(file);
   } catch (const std::exception& error) {
     problem = std::string("the mesh is malformed: ") + error.what();
   } catch (...) {
