@@ -4,8 +4,11 @@
 ///
 /// A scan touches fresh memory for tens of thousands of leaves; with malloc, page faults cost more than the fusion
 /// itself. Leaves are only ever added, and freed with their map. So a thread cuts buffers off its own chunk without any
-/// lock, and a chunk counts the buffers in use; the last one to be freed returns it to the system.
+/// lock, and a chunk counts the buffers in use; the last one to be freed returns it to the system. Where there are
+/// several maps, such as the tiles of a rolling field, a chunk has leaves of some that stay and of some that go: then
+/// pieces of it go back to the system before the whole.
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <mutex>
@@ -32,9 +35,15 @@ constexpr std::size_t kChunkBytes = std::size_t{2} << 20;
 /// The header occupies the first buffer's place.
 constexpr std::uint32_t kBuffersPerChunk = kChunkBytes / kBufferBytes - 1;
 
+/// Of eight buffers, which a scan mostly gives to one map.
+constexpr std::size_t kPieceBytes = 8 * kBufferBytes;
+
 struct ChunkHeader {
   std::atomic<std::uint32_t> in_use;  ///< buffers handed out and not freed, plus those still available
+  std::atomic<bool> in_pieces;        ///< some went back to the system
+  std::array<std::atomic<std::uint8_t>, kChunkBytes / kPieceBytes> freed;  ///< a bit per buffer
 };
+static_assert(sizeof(ChunkHeader) <= kBufferBytes);
 
 /// @throws std::bad_alloc
 ChunkHeader* newChunk() {
@@ -60,8 +69,8 @@ ChunkHeader* newChunk() {
 struct ChunkStore {
   std::mutex mutex;
   std::vector<ChunkHeader*> chunks;
-  std::size_t reserves = 0;  ///< number of existing LeafReserves
-  std::uint64_t taken = 0;   ///< chunks taken by threads so far, ready or not
+  std::atomic<std::size_t> reserves = 0;  ///< number of existing LeafReserves: of maps
+  std::uint64_t taken = 0;                ///< chunks taken by threads so far, ready or not
 };
 /// Never destroyed: threads may end after everything else.
 ChunkStore& chunkStore() {
@@ -96,6 +105,20 @@ void release(ChunkHeader* chunk, std::uint32_t buffers) noexcept {
   if (chunk->in_use.fetch_sub(buffers, std::memory_order_acq_rel) == buffers) munmap(chunk, kChunkBytes);
 }
 
+/// Before release(): until then the chunk is there.
+void freeInPieces(ChunkHeader* chunk, std::size_t buffer) noexcept {
+  std::atomic<std::uint8_t>& freed = chunk->freed[buffer / 8];
+  const auto bit = static_cast<std::uint8_t>(1u << (buffer % 8));
+  const bool is_last = (freed.fetch_or(bit, std::memory_order_acq_rel) | bit) == 0xff;  // never with the header's own
+  // One map frees all its chunks: then pieces would only be more calls.
+  if (!is_last || chunkStore().reserves.load(std::memory_order_relaxed) < 2) return;
+#ifdef MADV_NOHUGEPAGE
+  // A huge page would come back as a whole.
+  if (!chunk->in_pieces.exchange(true, std::memory_order_relaxed)) madvise(chunk, kChunkBytes, MADV_NOHUGEPAGE);
+#endif
+  madvise(reinterpret_cast<std::byte*>(chunk) + buffer / 8 * kPieceBytes, kPieceBytes, MADV_DONTNEED);
+}
+
 /// The chunk from which a thread cuts buffers.
 struct ThreadChunk {
   ChunkHeader* chunk = nullptr;
@@ -123,7 +146,9 @@ void* PackedVoxel::operator new[](std::size_t bytes) {
 void PackedVoxel::operator delete[](void* buffer) noexcept {
   if (buffer == nullptr) return;
   const auto address = reinterpret_cast<std::uintptr_t>(buffer);
-  release(reinterpret_cast<ChunkHeader*>(address & ~(kChunkBytes - 1)), 1);
+  auto* chunk = reinterpret_cast<ChunkHeader*>(address & ~(kChunkBytes - 1));
+  freeInPieces(chunk, address % kChunkBytes / kBufferBytes);
+  release(chunk, 1);
 }
 
 bool newPackedVoxelsAreZero() { return true; }  // no buffer is handed out twice
@@ -146,6 +171,12 @@ LeafReserve::~LeafReserve() noexcept {
   for (ChunkHeader* chunk : unused) release(chunk, kBuffersPerChunk);
 }
 
+void LeafReserve::begin() {
+  ChunkStore& ready = chunkStore();
+  const std::lock_guard lock(ready.mutex);
+  seen_chunks_ = ready.taken;
+}
+
 void LeafReserve::refill() {
   constexpr std::uint64_t kMostChunks = 64;
   ChunkStore& ready = chunkStore();
@@ -155,7 +186,6 @@ void LeafReserve::refill() {
     const std::uint64_t taken = ready.taken - seen_chunks_;
     // Each thread begins with one chunk, and a map that does not grow needs no second one.
     wanted = std::min({taken, last_taken_, kMostChunks});
-    seen_chunks_ = ready.taken;
     last_taken_ = taken;
     if (ready.chunks.size() >= wanted) return;
   }
@@ -192,6 +222,7 @@ std::size_t LeafReserve::readyChunks() {
 bool newPackedVoxelsAreZero() { return false; }
 LeafReserve::LeafReserve() : seen_chunks_(0), arena_(1, 0) {}
 LeafReserve::~LeafReserve() noexcept = default;
+void LeafReserve::begin() {}
 void LeafReserve::refill() {}
 void LeafReserve::wait() {}
 std::size_t LeafReserve::readyChunks() { return 0; }

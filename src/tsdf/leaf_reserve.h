@@ -23,6 +23,8 @@ class LeafReserve {
   LeafReserve(const LeafReserve&) = delete;
   LeafReserve& operator=(const LeafReserve&) = delete;
 
+  /// Call before a scan: what other maps have taken, or this one when it was read from a file, is not its scan's.
+  void begin();
   /// Call after a scan: prepares the lesser number of chunks taken by the last two scans, but at most 128 MiB. Returns
   /// at once.
   void refill();
@@ -33,7 +35,8 @@ class LeafReserve {
   [[nodiscard]] static std::size_t readyChunks();
 
  private:
-  std::uint64_t seen_chunks_, last_taken_ = 0;
+  std::uint64_t seen_chunks_;  ///< since begin()
+  std::uint64_t last_taken_ = 0;
   tbb::task_arena arena_;
   tbb::task_group group_;
 };

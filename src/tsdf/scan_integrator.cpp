@@ -87,6 +87,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     binned_ = false;
   }
 
+  reserve_.begin();
   // The largest buckets first, so that no thread starts one when the others are done.
   std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket
   for (std::size_t b = 0; b < ReturnBins::kBuckets; ++b) order[b] = {bins_.pairCount(b), b};
