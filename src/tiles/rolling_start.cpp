@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tiles/rolling_start.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -41,6 +43,7 @@ std::uint64_t tileLimit(const RollingOptions& options) {
   const std::uint64_t limit = options.process_limit_bytes;
   if (limit == 0) return options.memory_limit_bytes;
   constexpr std::uint64_t kForSteps = std::uint64_t{96} << 20, kLeastForTiles = std::uint64_t{16} << 20;
+  ::malloc_trim(0);  // what an earlier field has freed is for the tiles of this one
   const std::uint64_t used = residentMemoryBytes() + kForSteps;
   const auto megabytes = [](std::uint64_t bytes) { return std::to_string(bytes >> 20); };
   if (limit < used + kLeastForTiles) {

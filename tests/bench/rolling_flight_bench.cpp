@@ -7,7 +7,8 @@
 /// ACCESSVDB_BENCH_FULL (0; 1 = --change full), ACCESSVDB_BENCH_TILE (0 = rule; voxels), ACCESSVDB_BENCH_THREADS (0 =
 /// all), ACCESSVDB_BENCH_SPHERE_DEG (0 = yaw), ACCESSVDB_BENCH_RESUME_EVERY_M (0 = never; otherwise the field is saved
 /// and closed after so many metres, opened again from its folder and goes on), ACCESSVDB_BENCH_UPDATE_EVERY (1; labels
-/// follow every so many scans), TMPDIR for where tiles go.
+/// follow every so many scans), ACCESSVDB_BENCH_CUDA (0; 1 = on the GPU), ACCESSVDB_BENCH_DEVICE_MB (0 = the rule),
+/// TMPDIR for where tiles go.
 #include <stdlib.h>
 
 #include <algorithm>
@@ -132,7 +133,7 @@ int run() {
   FieldParams params = bench::flightParams(0.001 * environment("ACCESSVDB_BENCH_VOXEL_MM", 50));
   params.tsdf.truncation_distance_m = 0;  // by the rule
   params.tsdf.max_range_m = range_m;
-  params.backend = BackendKind::Cpu;
+  params.backend = environment("ACCESSVDB_BENCH_CUDA", 0) != 0 ? BackendKind::Cuda : BackendKind::Cpu;
   if (environment("ACCESSVDB_BENCH_FULL", 0) != 0) params.change.mode = ChangeMode::Full;
   params.threads = environment("ACCESSVDB_BENCH_THREADS", 0);
   RollingOptions options;
@@ -142,6 +143,8 @@ int run() {
   options.process_limit_bytes =
       std::uint64_t{1000000} * static_cast<std::uint64_t>(environment("ACCESSVDB_BENCH_PROCESS_MB", 0));
   if (options.process_limit_bytes > 0) options.memory_limit_bytes = 0;
+  options.device_limit_bytes =
+      std::uint64_t{1000000} * static_cast<std::uint64_t>(environment("ACCESSVDB_BENCH_DEVICE_MB", 0));
   options.tile_voxels = environment("ACCESSVDB_BENCH_TILE", 0);
   const std::uint64_t program = residentBytes("VmRSS:"), before = options.process_limit_bytes > 0 ? 0 : program;
   const int sphere_deg = environment("ACCESSVDB_BENCH_SPHERE_DEG", 0);

@@ -6,11 +6,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <utility>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
+#include "accessvdb/program/memory_prediction.h"
 #include "accessvdb/rolling_field.h"
 #include "rolling_walks.h"
 #include "tiles/rolling_start.h"
@@ -72,6 +74,24 @@ TEST(RollingLimit, LeavesNothingOutThatFits) {
 }
 
 /// Without one of the caller's, the tiles leave room on a GPU for what a step takes besides.
+/// A field that ends and is resumed in one program would otherwise begin with hardly any tiles.
+TEST(RollingLimit, OfTheProcessCountsNothingThatHasBeenFreed) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "a sanitizer's own malloc keeps what is freed";
+#endif
+  constexpr std::size_t kFreed = std::size_t{200} << 20, kBlock = std::size_t{1} << 12;
+  RollingOptions options;
+  options.process_limit_bytes = residentMemoryBytes() + kFreed;
+  std::vector<std::unique_ptr<char[]>> blocks;
+  while (kBlock * blocks.size() < kFreed) blocks.push_back(std::make_unique<char[]>(kBlock));
+  const std::unique_ptr<char[]> stays =
+      std::move(blocks.back());  // at the end, so that the rest is not given back by itself
+  blocks.pop_back();
+  EXPECT_THROW(static_cast<void>(tiles::tileLimit(options)), ResourceLimit);
+  blocks.clear();
+  EXPECT_GT(tiles::tileLimit(options), kFreed / 4);
+}
+
 TEST(RollingLimit, OnAGpuIsMostOfWhatIsFreeThere) {
   EXPECT_EQ(tiles::deviceLimit({.folder = {}, .device_limit_bytes = 7}, 1000, 10), 7U);
   EXPECT_EQ(tiles::deviceLimit({}, 1000, 10), 810U);
