@@ -8,7 +8,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 build=build/ci
-long=$(grep -v '^#' tests/long_tests.txt | sed 's/[.]/\\./g')
+long=$(grep -v '^#' tests/long_tests.txt | sed 's/[][().*+?^$|\\]/\\&/g')
 settings=(-DACCESSVDB_BUILD_BENCHMARKS=OFF) choice=(-E "^(${long//$'\n'/|})\$")
 arguments=()
 for argument in "$@"; do
