@@ -97,16 +97,31 @@ bool RollingResult::isRepeat() const {
   }
 }
 
+void RollingResult::refuseLost(const TileId& id) const {
+  throw InputError("rolling.damaged", "tile " + id.name(),
+                   "was damaged in the folder of the field, and is whole in " + out_.string(),
+                   "Keep that result, or choose another folder for this one");
+}
+
 std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptions& files) const {
   io::prepareOutputFolder(out_);
-  if (isRepeat()) {
-    removeAttempts(out_);
-  } else {
-    removePlan(out_);
-  }
   const auto isLost = [&](const TileIndex& index) {
     return std::ranges::count(tiles.lost(), TileId{index.first, index.second, {}}.name()) > 0;
   };
+  if (isRepeat()) {
+    removeAttempts(out_);
+  } else {
+    // What a result that was cut off has of them may be all that there is.
+    for (const TileIndex& index : hasPlan(out_) ? tiles.all() : std::vector<TileIndex>()) {
+      tiles.visit(index, [&](const RollingTile& tile) {
+        Tile like;
+        like.id = {index.first, index.second, {}};
+        like.returns = tile.returns;
+        if (isLost(index) && wholeAt(out_, plan_, like)) refuseLost(like.id);
+      });
+    }
+    removePlan(out_);
+  }
   std::vector<TileIndex> order = tiles.all();
   // Those that were lost first: one of them that may not replace a whole tile is refused before any other is replaced.
   std::ranges::stable_partition(order, isLost);
@@ -141,11 +156,7 @@ Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bo
   writeTile(folder.path(), plan_, written);
   if (const auto before = wholeAt(out_, plan_, written)) {
     if (before->sha256 == written.sha256) return *before;
-    if (lost) {
-      throw InputError("rolling.damaged", "tile " + written.id.name(),
-                       "was damaged in the folder of the field, and is whole in " + out_.string(),
-                       "Keep that result, or choose another folder for this one");
-    }
+    if (lost) refuseLost(written.id);
   }
   removeBinned(out_);  // until the end nobody takes old and new tiles together for a whole result
   folder.replace();

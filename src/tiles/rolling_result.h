@@ -39,6 +39,7 @@ class RollingResult {
   [[nodiscard]] Plan planOf() const;
   /// Whether what is there is whole, and of files with the same content.
   [[nodiscard]] bool isRepeat() const;
+  [[noreturn]] void refuseLost(const TileId& id) const;
   [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
                               const io::WriteOptions& files) const;
   [[nodiscard]] Binned raysOf(const std::vector<Tile>& done) const;

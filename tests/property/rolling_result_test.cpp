@@ -8,6 +8,7 @@
 #include <csignal>
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <random>
 #include <string>
 #include <vector>
@@ -144,8 +145,27 @@ TEST(RollingWrite, IsNoResultWhereItIsCutOffBetweenTiles) {
     const WithFilesUpTo limited(limit);
     EXPECT_THROW(second.write(scratch / "out"), OutputError);
   }
-  EXPECT_NE(manifestOf(whole.front()), before);
+  const std::string replaced = manifestOf(whole.front());
+  EXPECT_NE(replaced, before);
   EXPECT_FALSE(tiles::binned(scratch / "out", plan).has_value());
+
+  // The same field, which has lost that tile: what the cut-off result has of it stays.
+  flight("third").checkpoint();
+  for (const auto& entry : std::filesystem::directory_iterator(scratch / "third")) {
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with(whole.front().id.name() + ".") || !name.ends_with(".state")) continue;
+    std::string bytes = bytesOf(entry.path());
+    bytes[bytes.size() / 2] ^= 1;
+    std::ofstream(entry.path(), std::ios::binary) << bytes;
+  }
+  RollingField lossy = RollingField::resume(toolsOf(test), paramsOf(test), {.folder = scratch / "third"});
+  try {
+    static_cast<void>(lossy.write(scratch / "out"));
+    ADD_FAILURE() << "a whole tile was replaced by one that is lost";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.id(), "rolling.damaged") << error.what();
+  }
+  EXPECT_EQ(manifestOf(whole.front()), replaced);
 
   EXPECT_EQ(second.write(scratch / "out").size(), whole.size());
   EXPECT_EQ(bytesOf(scratch / "out/rays.json"), bytesOf(scratch / "whole/rays.json"));
