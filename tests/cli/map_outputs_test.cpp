@@ -76,6 +76,35 @@ TEST_F(MapOutputs, OfARunThatIsRefusedAreNotDeleted) {
   EXPECT_EQ(readText("out/plan.json"), plan);
 }
 
+/// A tool that is thinner than a voxel, and too little memory: the same.
+TEST_F(MapOutputs, OfARunThatIsRefusedLateAreNotDeleted) {
+  ASSERT_EQ(runProgram(mapArguments({"--tiles", "12.8"})).exit_code, 0);
+  const std::string plan = readText("out/plan.json");
+  const std::vector<std::string> inputs = {"--scans", path("scans"), "--poses", path("poses.txt"), "--voxel",
+                                           "0.05",    "--device",    "cpu",     "--fresh"};
+  const auto refused = [&](std::vector<std::string> command, const std::vector<std::string>& more) {
+    command.insert(command.end(), inputs.begin(), inputs.end());
+    command.insert(command.end(), more.begin(), more.end());
+    const ProgramResult result = runProgram(command);
+    EXPECT_NE(result.exit_code, 0);
+    EXPECT_EQ(readText("out/plan.json"), plan) << result.err;
+    return result.err;
+  };
+  const std::vector<std::string> map = {"map", "--out", path("out")}, tile = {"tile", "plan", path("out")},
+                                 thin = {"--tool", "builtin:pencil"};
+  for (const std::vector<std::string>& command : {map, tile}) {
+    for (const std::string tiles : {"off", "12.8"}) {
+      if (command == tile && tiles == "off") continue;
+      std::vector<std::string> with = thin;
+      with.insert(with.end(), {"--tiles", tiles});
+      EXPECT_NE(refused(command, with).find("error[tool.hidden]"), std::string::npos);
+    }
+  }
+  EXPECT_NE(
+      refused(map, {"--tool", "builtin:pruner", "--tiles", "off", "--max-memory", "1M"}).find("error[limit.memory]"),
+      std::string::npos);
+}
+
 TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
   const ProgramResult result = runProgram(mapArguments({"--orientations", "sphere:30"}));
   ASSERT_EQ(result.exit_code, 0) << result.err;

@@ -242,9 +242,10 @@ std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldP
 
 tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
   const fs::path out = sources.options.out;
-  if (!tiles::hasPlan(out)) {
+  if (sources.options.fresh || !tiles::hasPlan(out)) {
     tiles::requireOwnFolders(out);
     const tiles::Plan plan = identified(newPlan(sources, chosen_voxels, messages));
+    if (sources.options.fresh) tiles::removePlan(out);  // only now: nothing is deleted for what is refused
     if (!sources.options.no_clobber) removePieces(out);
     tiles::writePlan(out, plan);
     return plan;

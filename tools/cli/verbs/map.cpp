@@ -384,10 +384,12 @@ int MapRun::run() {
   requireStamps(options_, params, scans, messages_);
   report_.agreement = checkAgreement(options_, params.tsdf.range_noise_m, scans, messages_);
   report_.tools = reportedTools(options_, tools);
-  outputs_.startOver();
   const PlanSources sources = {options_, settings_, tools, scans, params};
-  if (!options_.rolling.empty()) return rolling(sources);
-  const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
+  if (!options_.rolling.empty()) {
+    outputs_.startOver();
+    return rolling(sources);
+  }
+  const bool goes_on = options_.tiles == "auto" && !options_.fresh && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
   std::function<tiles::TileMargins()> margins;
   if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) {
@@ -406,6 +408,7 @@ int MapRun::run() {
   report_.device_note_id = field.deviceNoteId();
   report_.device_note = field.deviceNote();
   sayWhyNotOnGpu(field, messages_);
+  outputs_.startOver();  // only now: nothing is deleted for what is refused
   try {
     return work(scans, field);
   } catch (const Error& error) {

@@ -130,11 +130,10 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   sayChangeNotes(params, messages);
   requireStamps(options, params, scans, messages);
   static_cast<void>(checkAgreement(options, params.tsdf.range_noise_m, scans, messages));
-  if (options.fresh) tiles::removePlan(options.out);  // only now: nothing is deleted for scans that are refused
   const PlanSettings settings = planSettings(flags);
   const PlanSources sources = {options, settings, tools, scans, params};
   std::int32_t edge = 0;
-  if (wantedTile_m(options) == 0 && !tiles::hasPlan(options.out)) {
+  if (wantedTile_m(options) == 0 && (options.fresh || !tiles::hasPlan(options.out))) {
     const tiles::TileMargins margins = tiles::tileMargins(tools, params, tableProgress(messages));
     const auto memory = checkMemory(
         options, tools, RunOutput::Field, scans, [&] { return margins; }, messages);
