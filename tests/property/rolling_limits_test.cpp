@@ -73,7 +73,6 @@ TEST(RollingLimit, LeavesNothingOutThatFits) {
   EXPECT_EQ(rolling.status().left_out_returns, 0U);
 }
 
-/// Without one of the caller's, the tiles leave room on a GPU for what a step takes besides.
 /// A field that ends and is resumed in one program would otherwise begin with hardly any tiles.
 TEST(RollingLimit, OfTheProcessCountsNothingThatHasBeenFreed) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -92,6 +91,7 @@ TEST(RollingLimit, OfTheProcessCountsNothingThatHasBeenFreed) {
   EXPECT_GT(tiles::tileLimit(options), kFreed / 4);
 }
 
+/// Without one of the caller's, the tiles leave room on a GPU for what a step takes besides.
 TEST(RollingLimit, OnAGpuIsMostOfWhatIsFreeThere) {
   EXPECT_EQ(tiles::deviceLimit({.folder = {}, .device_limit_bytes = 7}, 1000, 10), 7U);
   EXPECT_EQ(tiles::deviceLimit({}, 1000, 10), 810U);

@@ -22,8 +22,8 @@ class MapOutputs {
   /// Checks all outputs once it is known which files are read.
   /// @throws OutputError "output.is_input", "output.foreign"
   void check(const Paths& inputs) const;
-  /// Deletes what --fresh asks for, once scans, tool and memory have been checked, too. A plan of this run's does so
-  /// itself. @throws OutputError
+  /// Deletes what --fresh asks for, once scans, tool and memory have been checked, too. Of a map in
+  /// tiles planOf() does so. @throws OutputError
   void startOver() const;
   /// Whether claim() refused: existing outputs must stay, the report among them.
   [[nodiscard]] bool refused() const { return refused_; }
