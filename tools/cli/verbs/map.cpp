@@ -385,10 +385,7 @@ int MapRun::run() {
   report_.agreement = checkAgreement(options_, params.tsdf.range_noise_m, scans, messages_);
   report_.tools = reportedTools(options_, tools);
   const PlanSources sources = {options_, settings_, tools, scans, params};
-  if (!options_.rolling.empty()) {
-    outputs_.startOver();
-    return rolling(sources);
-  }
+  if (!options_.rolling.empty()) return rolling(sources);
   const bool goes_on = options_.tiles == "auto" && !options_.fresh && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
   std::function<tiles::TileMargins()> margins;
@@ -428,6 +425,7 @@ int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
 
 int MapRun::rolling(const PlanSources& sources) {
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
+  outputs_.startOver();
   const int exit_code = mapRolling(sources, pose_inputs_, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
   if (report_.tiles) writeViews(sources.tools);
