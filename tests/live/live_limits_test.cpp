@@ -10,6 +10,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/tsdf_volume.h"
 #include "live/live_stream.h"
+#include "support/same_map.h"
 
 namespace accessvdb::live_test {
 namespace {

@@ -10,6 +10,7 @@
 
 #include "accessvdb/live_session.h"
 #include "support/determinism_support.h"
+#include "support/same_map.h"
 
 namespace accessvdb::live_test {
 

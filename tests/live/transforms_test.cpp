@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "live/live_stream.h"
+#include "support/same_map.h"
 
 namespace accessvdb::live_test {
 namespace {

@@ -17,6 +17,7 @@
 #include "parity/gpu_test.h"
 #include "parity/parity_walk.h"
 #include "support/determinism_support.h"
+#include "support/same_map.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
 #include "update/block_groups.h"

@@ -13,6 +13,7 @@
 #include "accessvdb/batch_query.h"
 #include "accessvdb/surface_points.h"
 #include "support/determinism_support.h"
+#include "support/same_map.h"
 #include "support/scratch_folder.h"
 
 namespace accessvdb::test {

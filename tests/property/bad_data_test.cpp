@@ -9,6 +9,7 @@
 
 #include "accessvdb/error.h"
 #include "support/determinism_support.h"
+#include "support/same_map.h"
 
 namespace accessvdb::test {
 namespace {

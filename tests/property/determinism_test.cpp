@@ -10,6 +10,7 @@
 #include <set>
 
 #include "support/determinism_support.h"
+#include "support/same_map.h"
 
 namespace accessvdb::test {
 namespace {

@@ -19,6 +19,7 @@
 #include "accessvdb/what_if.h"
 #include "support/determinism_support.h"
 #include "support/region_worlds.h"
+#include "support/same_map.h"
 #include "support/scratch_folder.h"
 
 namespace accessvdb::test {

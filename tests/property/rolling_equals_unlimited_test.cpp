@@ -22,6 +22,7 @@
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
 #include "rolling_walks.h"
+#include "support/same_map.h"
 #include "tiles/json_file.h"
 
 namespace accessvdb::test {

@@ -20,6 +20,7 @@
 #include "accessvdb/field_io.h"
 #include "property/state_streams.h"
 #include "support/determinism_support.h"
+#include "support/same_map.h"
 #include "support/scratch_folder.h"
 
 namespace accessvdb::test {

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
 
 #include <bit>
 #include <cstdlib>
@@ -14,7 +13,6 @@
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
-#include "accessvdb/tsdf_volume.h"
 #include "support/box_tool.h"
 
 namespace accessvdb::test {
@@ -104,23 +102,6 @@ inline void expectSame(const FieldSnapshot& a, const FieldSnapshot& b) {
     ASSERT_EQ(a.points[n].position_W, b.points[n].position_W) << n;
     ASSERT_TRUE(sameVerdict(a.points[n], b.points[n])) << n << ": " << text(a.points[n]) << "; " << text(b.points[n]);
   }
-}
-
-/// Leaves, values and which of them are active.
-inline void expectSameMap(const TsdfVolume& a, const TsdfVolume& b) {
-  ASSERT_EQ(a.leafCount(), b.leafCount());
-  ASSERT_EQ(a.activeVoxelCount(), b.activeVoxelCount());
-  const auto compare = [](const auto& x, const auto& y) {
-    ASSERT_TRUE(x->tree().hasSameTopology(y->tree()));
-    for (auto leaf = x->tree().cbeginLeaf(); leaf; ++leaf) {
-      const auto* other = y->tree().probeConstLeaf(leaf->origin());
-      ASSERT_NE(other, nullptr);
-      ASSERT_TRUE(leaf->buffer() == other->buffer());
-    }
-  };
-  compare(a.distance(), b.distance());
-  compare(a.weight(), b.weight());
-  compare(a.cleared(), b.cleared());
 }
 
 /// Enough of every kind for "the same" to be meaningful.
