@@ -132,7 +132,8 @@ struct TileReturns {
   std::uint64_t returns = 0;
   std::uint32_t flights = 1;  ///< up to and including the last one that brought a return
   /// Hash of all that the tile's files are made from: its returns, and the plan without its flights. A tile of an
-  /// earlier plan with the same one is still right. Empty where the returns were never on disk (RollingField).
+  /// earlier plan with the same one is still right. Empty where that is not known: with ChangeMode::Full, and for a
+  /// tile of a RollingField that left returns out or was scored more than once.
   std::string content = {};
 };
 

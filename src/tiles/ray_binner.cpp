@@ -33,14 +33,6 @@ std::uint64_t addTo(ShardBuffer& buffer, std::uint32_t step, StepSorter& sorter,
   return stored;
 }
 
-float longestRay_m(const internal::GatedScan& scan) {
-  float longest_m = 0;
-  for (std::size_t n = 0; n < scan.p_L.size(); ++n) {
-    longest_m = std::max(longest_m, (scan.p_L[n] - scan.q_L[scan.q_L.size() > 1 ? n : 0]).norm());
-  }
-  return longest_m;
-}
-
 /// Reads steps and writes shards.
 class Binner {
  public:

@@ -94,15 +94,14 @@ std::vector<ShardRange> missingShards(const fs::path& out, const Plan& plan) {
   return missing;
 }
 
-namespace {
-
-/// What a tile's files are made from, as one hash.
 std::string contentOf(const Plan& plan, const RayDigest& returns) {
   internal::Sha256 sha256;
   sha256.update(plan.method_id.data(), plan.method_id.size());
   sha256.update(returns.data(), sizeof returns);
   return internal::hexOf(sha256.digest());
 }
+
+namespace {
 
 void writeManifest(const fs::path& out, const Plan& plan, const Binned& result, const Json& shards) {
   Json dropped = Json::object(), files = Json::array(), list = Json::array();
@@ -145,10 +144,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     result.points_used += index.points_used;
     result.truncated_points += index.truncated_points;
     for (std::size_t n = 0; n < index.dropped.size(); ++n) result.dropped[n] += index.dropped[n];
-    // What is stored was rounded; in whole millimetres the list is short.
-    for (const float longest_m : index.farthest_m) {
-      result.farthest_m.push_back(std::ceil(1000 * (longest_m * (1 + 1e-6)) + 0.1) / 1000);
-    }
+    for (const float longest_m : index.farthest_m) result.farthest_m.push_back(listedRange_m(longest_m));
     for (const ShardSegment& segment : index.segments) {
       TileReturns& tile = tiles[segment.tile];
       tile.id = {segment.tile.first, segment.tile.second, {}};

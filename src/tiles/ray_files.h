@@ -23,6 +23,9 @@ struct ShardRange {
 /// Of a finished bin(): shards that are not there as they were written, by name and size.
 [[nodiscard]] std::vector<ShardRange> missingShards(const std::filesystem::path& out, const Plan& plan);
 
+/// What a tile's files are made from, as one hash. @param returns  of all steps
+[[nodiscard]] std::string contentOf(const Plan& plan, const RayDigest& returns);
+
 /// Reads the indices of all shards and writes the manifest. @param inputs  with their hashes
 Binned writeBinned(const std::filesystem::path& out, const Plan& plan, const std::vector<io::InputFile>& inputs);
 /// The same for tiles that were made without rays on disk.

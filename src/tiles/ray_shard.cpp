@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <ostream>
 
@@ -56,6 +57,12 @@ Digest digestOf(const void* data, std::size_t bytes) {
   return sha256.digest();
 }
 
+BlockHead headOf(std::uint32_t step, std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                 std::span<const std::int32_t> attributes) {
+  return {step, static_cast<std::uint32_t>(p_L.size()), static_cast<std::uint16_t>(q_L.size() > 1 ? 1 : 0),
+          static_cast<std::uint16_t>(attributes.size() / p_L.size())};
+}
+
 RayDigest digestOf(internal::Sha256& block) { return std::bit_cast<RayDigest>(block.digest()); }
 
 template <typename T>
@@ -82,8 +89,22 @@ bool beginsAsShard(const std::filesystem::path& file) {
   return stream && beginning == kMagic;
 }
 
-void ShardBuffer::append(Rays& rays, internal::Sha256& block, const void* data, std::size_t bytes) {
-  block.update(data, bytes);
+RayDigest digestOfBlock(std::uint32_t step, std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                        std::span<const std::int32_t> attributes) {
+  const BlockHead head = headOf(step, p_L, q_L, attributes);
+  internal::Sha256 block;
+  block.update(&head, sizeof head);
+  block.update(q_L.data(), q_L.size_bytes());
+  block.update(p_L.data(), p_L.size_bytes());
+  if (!attributes.empty()) block.update(attributes.data(), attributes.size_bytes());
+  return digestOf(block);
+}
+
+double listedRange_m(float longest_m) {
+  return std::ceil(1000 * (static_cast<double>(longest_m) * (1 + 1e-6)) + 0.1) / 1000;
+}
+
+void ShardBuffer::append(Rays& rays, const void* data, std::size_t bytes) {
   const auto* from = static_cast<const std::byte*>(data);
   while (bytes > 0) {
     if (rays.chunks.empty() || rays.chunks.back().used == rays.chunks.back().size) {
@@ -105,15 +126,12 @@ void ShardBuffer::append(Rays& rays, internal::Sha256& block, const void* data, 
 void ShardBuffer::add(const TileIndex& tile, std::uint32_t step, std::span<const Eigen::Vector3f> p_L,
                       std::span<const Eigen::Vector3f> q_L, std::span<const std::int32_t> attributes) {
   Rays& rays = tiles_[tile];
-  const BlockHead head = {step, static_cast<std::uint32_t>(p_L.size()),
-                          static_cast<std::uint16_t>(q_L.size() > 1 ? 1 : 0),
-                          static_cast<std::uint16_t>(attributes.size() / p_L.size())};
-  internal::Sha256 block;
-  append(rays, block, &head, sizeof head);
-  append(rays, block, q_L.data(), q_L.size_bytes());
-  append(rays, block, p_L.data(), p_L.size_bytes());
-  if (!attributes.empty()) append(rays, block, attributes.data(), attributes.size_bytes());
-  tiles::add(rays.digest, digestOf(block));
+  const BlockHead head = headOf(step, p_L, q_L, attributes);
+  append(rays, &head, sizeof head);
+  append(rays, q_L.data(), q_L.size_bytes());
+  append(rays, p_L.data(), p_L.size_bytes());
+  if (!attributes.empty()) append(rays, attributes.data(), attributes.size_bytes());
+  tiles::add(rays.digest, digestOfBlock(step, p_L, q_L, attributes));
   rays.returns += p_L.size();
 }
 

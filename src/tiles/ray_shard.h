@@ -37,6 +37,11 @@ using Digest = internal::Sha256::Digest;
 /// Of blocks, each of which names its step and so occurs once: sums of their SHA-256 as four numbers of 64 bits.
 using RayDigest = std::array<std::uint64_t, 4>;
 void add(RayDigest& sum, const RayDigest& more);
+/// Of the block that ShardBuffer::add() writes of these.
+[[nodiscard]] RayDigest digestOfBlock(std::uint32_t step, std::span<const Eigen::Vector3f> p_L,
+                                      std::span<const Eigen::Vector3f> q_L, std::span<const std::int32_t> attributes);
+/// No return of the scan is farther from its sensor. @param longest_m  rounded  @return in whole millimetres
+[[nodiscard]] double listedRange_m(float longest_m);
 
 struct ShardSegment {
   TileIndex tile;
@@ -73,7 +78,7 @@ class ShardBuffer {
     std::uint64_t bytes = 0, returns = 0;
     RayDigest digest = {};
   };
-  void append(Rays& rays, internal::Sha256& block, const void* data, std::size_t bytes);
+  void append(Rays& rays, const void* data, std::size_t bytes);
   std::map<TileIndex, Rays> tiles_;
   std::uint64_t bytes_ = 0;
 };

@@ -149,6 +149,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   void take(const internal::GatedScan& scan, const Touched& touched, double stamp_s, FrameStats& stats) {
     first_ids.push_back(points);
     stamps_s.push_back(stamp_s);
+    farthest_m.push_back(tiles::listedRange_m(tiles::longestRay_m(scan)));
     const double passed_s = clock.note(stamp_s);
     if (generations) {
       generations->restoreAge(age_s);
@@ -175,6 +176,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
         tiles.noteChange(id, *tile);
         const FrameStats of_tile =
             FieldAccess::integrateLocal(tile->field, returns.p_L, returns.q_L, stamp_s, returns.attributes);
+        noteRays(*tile, returns, of_tile);
         noteFused(id, *tile, scan, of_tile, fresh, stats);
       }
     }
@@ -251,6 +253,12 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     }
   }
 
+  /// So that corrected poses tell which tiles they leave as they are.
+  void noteRays(RollingTile& tile, const tiles::StepSorter::Returns& returns, const FrameStats& of_tile) const {
+    const auto step = static_cast<std::uint32_t>(first_ids.size() - 1);
+    if (of_tile.left_out_returns > 0) tile.rays.reset();
+    if (tile.rays) tiles::add(*tile.rays, tiles::digestOfBlock(step, returns.p_L, returns.q_L, returns.attributes));
+  }
   void noteFused(const TileIndex& id, RollingTile& tile, const internal::GatedScan& scan, const FrameStats& of_tile,
                  std::vector<Fresh>& fresh, FrameStats& stats) {
     const internal::PointStore& store = FieldAccess::points(tile.field);
@@ -386,6 +394,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     manifest.left_out_returns = left_out_returns;
     manifest.first_ids = first_ids;
     manifest.stamps_s = stamps_s;
+    manifest.farthest_m = farthest_m;
     manifest.lost_tiles = tiles.lost();
     for (const auto& [centre_W, radius_m] : tiles.closed())
       manifest.closed.push_back({centre_W.x(), centre_W.y(), centre_W.z(), radius_m});
@@ -414,6 +423,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
     left_out_returns = manifest.left_out_returns;
     first_ids = manifest.first_ids;
     stamps_s = manifest.stamps_s;
+    farthest_m = manifest.farthest_m;
     note = manifest.note;
     taken = manifest.taken;
     if (manifest.levelling) levelling = Eigen::Matrix3d(manifest.levelling->data());
@@ -451,6 +461,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   std::uint64_t scans = 0;               ///< with a return, for ChangeMode::Full
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
   std::vector<double> stamps_s;          ///< of each step
+  std::vector<double> farthest_m;        ///< of each step, as in Binned
   tiles::SensorCourse course;
   TileIndex nearest = {};     ///< of those that the last step touched
   std::uint64_t attempt = 0;  ///< of a step
@@ -510,6 +521,7 @@ UpdateStats RollingField::update() {
       }
       if (!tile->behind) continue;
       impl_->tiles.noteChange(id, *tile);
+      if (tile->updated) tile->rays.reset();  // its files may be others than after one update at the end
       internal::add(tile->field.update(), all);
       tile->behind = false;
       tile->updated = true;
@@ -634,6 +646,7 @@ std::vector<tiles::Tile> RollingField::write(const fs::path& out, const io::Writ
                                      impl_->margins.returns_voxels,
                                      impl_->first_ids,
                                      impl_->stamps_s,
+                                     impl_->farthest_m,
                                      impl_->taken},
                                     source, out, impl_->options.folder);
   // A tile is copied while it is written.

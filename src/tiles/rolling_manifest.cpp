@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kManifestSchema = 2;
+constexpr int kManifestSchema = 3;
 
 bool isRotation(const Eigen::Matrix3d& R) {
   constexpr double kRounding = 1e-9;
@@ -41,6 +41,7 @@ void writeManifest(const fs::path& folder, const RollingManifest& manifest, cons
                {"left_out_returns", manifest.left_out_returns},
                {"first_ids", manifest.first_ids},
                {"stamps_s", stamps},
+               {"farthest_m", manifest.farthest_m},
                {"lost_tiles", manifest.lost_tiles},
                {"closed", manifest.closed},
                {"note", manifest.note},
@@ -101,6 +102,7 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   json.at("first_ids").get_to(manifest.first_ids);
   for (const Json& stamp : json.at("stamps_s"))
     manifest.stamps_s.push_back(stamp.is_null() ? std::numeric_limits<double>::quiet_NaN() : stamp.get<double>());
+  json.at("farthest_m").get_to(manifest.farthest_m);
   json.at("lost_tiles").get_to(manifest.lost_tiles);
   json.at("closed").get_to(manifest.closed);
   json.at("note").get_to(manifest.note);
@@ -115,7 +117,8 @@ RollingManifest manifestFrom(const Json& json, const fs::path& folder, const Mad
   const std::vector<std::uint32_t>& first_ids = manifest.first_ids;
   const bool ordered = std::is_sorted(first_ids.begin(), first_ids.end()) &&
                        (first_ids.empty() || (first_ids.front() == 0 && first_ids.back() <= manifest.points));
-  if (!ordered || first_ids.size() != manifest.stamps_s.size() || (!manifest.origin_W && !manifest.tiles.empty()))
+  if (!ordered || first_ids.size() != manifest.stamps_s.size() || first_ids.size() != manifest.farthest_m.size() ||
+      (!manifest.origin_W && !manifest.tiles.empty()))
     refuseManifest(folder);
   if (manifest.levelling && !isRotation(Eigen::Matrix3d(manifest.levelling->data()))) refuseManifest(folder);
   return manifest;

@@ -40,6 +40,7 @@ struct RollingManifest {
   std::uint64_t left_out_returns = 0;
   std::vector<std::uint32_t> first_ids;  ///< of each step: the first point that it brought has this id
   std::vector<double> stamps_s;          ///< of each step; NaN: none
+  std::vector<double> farthest_m;        ///< of each step, as in Binned
   std::vector<std::string> lost_tiles;
   std::vector<std::array<double, 4>> closed;  ///< RollingTiles::closed(): centre and radius
   std::string note;                           ///< of the caller

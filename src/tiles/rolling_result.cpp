@@ -127,8 +127,9 @@ std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptio
   std::ranges::stable_partition(order, isLost);
   Status status;
   for (const TileIndex& index : order) {
-    tiles.visit(index,
-                [&](const RollingTile& tile) { status.done.push_back(writeOne(index, tile, isLost(index), files)); });
+    tiles.visit(index, [&](const RollingTile& tile) {
+      status.done.push_back(writeOne(index, tile, contentOf(tiles, tile), isLost(index), files));
+    });
   }
   std::ranges::sort(status.done, {}, [](const Tile& tile) { return TileIndex{tile.id.x, tile.id.y}; });
   removeOutdated(out_, status);
@@ -139,12 +140,19 @@ std::vector<Tile> RollingResult::write(RollingTiles& tiles, const io::WriteOptio
   return std::move(status.done);
 }
 
-Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
+/// Of a tile that is what tile run makes of the same returns; else nothing, and a correction makes it again.
+std::string RollingResult::contentOf(const RollingTiles& tiles, const RollingTile& tile) const {
+  const bool alone = of_.made_with.params.change.mode != ChangeMode::Full;  // what opens depends on other tiles
+  return alone && tile.rays && tiles.closed().empty() ? tiles::contentOf(plan_, *tile.rays) : std::string();
+}
+
+Tile RollingResult::writeOne(const TileIndex& index, const RollingTile& tile, const std::string& content, bool lost,
                              const io::WriteOptions& files) const {
   const kernels::Stopwatch watch;
   Tile written;
   written.id = {index.first, index.second, {}};
   written.returns = tile.returns;
+  written.content = content;
   AttemptFolder folder(out_, written.id, AttemptFolder::Leftovers::AreGone);
   const auto step_of = [&](std::uint32_t id) {
     const auto after = std::upper_bound(of_.first_ids.begin(), of_.first_ids.end(), tile.ids[id]);
@@ -172,8 +180,9 @@ Binned RollingResult::raysOf(const std::vector<Tile>& done) const {
   rays.dropped = of_.taken.dropped;
   rays.inputs = source_.inputs;
   rays.truncated_points = source_.truncated_points;
+  rays.farthest_m = of_.farthest_m;
   for (const Tile& tile : done) {
-    rays.returns_of.push_back({tile.id, tile.returns, 1});
+    rays.returns_of.push_back({tile.id, tile.returns, 1, tile.content});
     rays.returns_stored += tile.returns;
   }
   return rays;

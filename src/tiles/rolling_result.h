@@ -23,7 +23,7 @@ class RollingResult {
     std::array<double, 3> origin_W;
     std::int32_t margin_voxels;
     const std::vector<std::uint32_t>& first_ids;  ///< as in RollingManifest
-    const std::vector<double>& stamps_s;
+    const std::vector<double>&stamps_s, &farthest_m;
     const TakenReturns& taken;
   };
   /// @param own  folder of the field
@@ -40,8 +40,10 @@ class RollingResult {
   /// Whether what is there is whole, and of files with the same content.
   [[nodiscard]] bool isRepeat() const;
   [[noreturn]] void refuseLost(const TileId& id) const;
-  [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, bool lost,
+  /// @param content  contentOf()
+  [[nodiscard]] Tile writeOne(const TileIndex& index, const RollingTile& tile, const std::string& content, bool lost,
                               const io::WriteOptions& files) const;
+  [[nodiscard]] std::string contentOf(const RollingTiles& tiles, const RollingTile& tile) const;
   [[nodiscard]] Binned raysOf(const std::vector<Tile>& done) const;
 
   Of of_;

@@ -173,6 +173,7 @@ StoredTile RollingTiles::describe(const RollingTile& tile) {
   stored.serial = serial_++;
   stored.touched = tile.touched;
   stored.returns = tile.returns;
+  stored.rays = tile.rays;
   stored.updated = tile.updated;
   stored.behind = tile.behind;
   stored.closed = tile.closed;
@@ -288,9 +289,11 @@ RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> t
     if (std::find(lost_.begin(), lost_.end(), name) == lost_.end()) lost_.push_back(name);
     tile.emplace(startClosed(id));
     tile->lost = true;
+    tile->rays.reset();
   }
   tile->touched = stored.touched;
   tile->returns = stored.returns;
+  if (!tile->lost) tile->rays = stored.rays;
   tile->updated = stored.updated;
   tile->behind = stored.behind;
   tile->closed = tile->lost ? 0 : stored.closed;
@@ -304,6 +307,7 @@ RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> t
     tile->field.leaveOut(centres_W, edge_m);  // more than half a diagonal
   }
   advanceTime(*tile, updated_at_);
+  if (stored.owed && stored.updated) tile->rays.reset();  // as RollingField::update()
   if (stored.owed || stored.updated) {
     tile->field.update();
     tile->updated = true;
@@ -315,6 +319,7 @@ RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> t
 
 void RollingTiles::leaveOut(const TileIndex& id, std::span<const Eigen::Vector3f> p_L) {
   StoredTile& stored = stored_[id];
+  stored.rays.reset();
   const auto edge_m = static_cast<float>(cellEdge_m());
   const auto cellOf = [edge_m](float x) { return static_cast<std::int32_t>(std::floor(x / edge_m)); };
   for (const Eigen::Vector3f& p : p_L) stored.left_out.insert({cellOf(p.x()), cellOf(p.y()), cellOf(p.z())});
@@ -394,6 +399,7 @@ Json RollingTiles::saveAll() {
       tile["serial"] = *stored.serial;
       tile["files_sha256"] = stored.files_sha256;
     }
+    if (stored.rays) tile["rays"] = *stored.rays;
     Json left_out = Json::array();
     for (const auto& cell : stored.left_out) left_out.push_back(cell);
     tile["left_out"] = left_out;
@@ -428,6 +434,7 @@ void RollingTiles::restore(const Json& tiles, std::vector<std::string> lost, std
     if (stored.closed > closed_.size()) throw InvalidArgument("usage.tile", id.name(), "has more than there is");
     tile.at("bytes").get_to(stored.bytes.memory);
     tile.at("device_bytes").get_to(stored.bytes.device);
+    if (tile.contains("rays")) stored.rays = tile.at("rays").get<RayDigest>();
     if (tile.contains("serial")) {
       stored.serial = tile.at("serial").get<std::uint64_t>();
       tile.at("files_sha256").get_to(stored.files_sha256);

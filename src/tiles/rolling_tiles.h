@@ -53,6 +53,7 @@ struct StoredTile {
   std::optional<std::uint64_t> serial;
   std::string files_sha256;                ///< RollingFiles::write()
   std::uint64_t touched = 0, returns = 0;  ///< as in RollingTile
+  std::optional<RayDigest> rays;           ///< likewise
   bool updated = false, behind = false;
   bool owed = false;  ///< an update that others have had
   TileBytes bytes;
@@ -73,6 +74,8 @@ class RollingTile {
   std::vector<std::uint32_t> ids;  ///< in the larger map, by id in the tile; kNotOurs for points around the core
   std::uint64_t touched = 0;       ///< the last step that brought a return
   std::uint64_t returns = 0;
+  /// Of its returns, as in rays/; none if tile run would make other files of them.
+  std::optional<RayDigest> rays = RayDigest();
   bool lost = false;       ///< made anew, closed, because its state was damaged
   bool updated = false;    ///< at least once
   bool behind = false;     ///< a scan came after the last update

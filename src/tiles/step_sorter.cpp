@@ -28,6 +28,14 @@ void gatherRows(const std::vector<std::int32_t>& from, std::size_t rows, const s
 
 }  // namespace
 
+float longestRay_m(const internal::GatedScan& scan) {
+  float longest_m = 0;
+  for (std::size_t n = 0; n < scan.p_L.size(); ++n) {
+    longest_m = std::max(longest_m, (scan.p_L[n] - scan.q_L[scan.q_L.size() > 1 ? n : 0]).norm());
+  }
+  return longest_m;
+}
+
 StepSorter::StepSorter(std::int32_t tile_voxels, std::int32_t margin_voxels, double voxel_size_m)
     : grid_(tile_voxels, margin_voxels), inverse_voxel_size_(kernels::VoxelScale(voxel_size_m).inverse_float32) {}
 

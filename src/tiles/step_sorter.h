@@ -16,6 +16,8 @@
 
 namespace accessvdb::tiles {
 
+[[nodiscard]] float longestRay_m(const internal::GatedScan& scan);
+
 class StepSorter {
  public:
   /// @param margin_voxels  returns this far outside a tile's core are needed there, too

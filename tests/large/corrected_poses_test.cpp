@@ -507,14 +507,15 @@ TEST_F(CorrectedPoses, ATrajectoryIsTakenAsItIs) {
   expectSameFiles("all.vdb", "one/field.vdb");
 }
 
-/// A map whose rays were never on disk is made again as a whole the first time, and in part the second.
+/// A map whose rays were never on disk knows what they were.
 TEST_F(CorrectedPoses, OfAMapThatRolled) {
   succeed(map({"--rolling", path("flight"), "--max-memory", "1G"}));
   writeTrack("new.txt", drifted(9));
   succeed(correct("new.txt"));
   refuse(step("merge"), 3, "rays.missing");
   succeed(step("bin"));
-  EXPECT_EQ(todo().size(), tilesOf().size());
+  EXPECT_LT(todo().size(), tilesOf().size());
+  EXPECT_FALSE(todo().empty());
   succeed(step("run"));
   const Track first = inEffect(old_, drifted(9));
   expectFromTheStart(first);
@@ -526,6 +527,15 @@ TEST_F(CorrectedPoses, OfAMapThatRolled) {
   EXPECT_LT(todo().size(), tilesOf().size());
   succeed(step("run"));
   expectFromTheStart(second);
+
+  // Files of a tile that was scored along the way need not be those of one update at the end.
+  fs::remove_all(path("out"));
+  succeed(map({"--rolling", path("flight_scored"), "--max-memory", "1G", "--update-every", "2"}));
+  succeed(correct("new.txt"));
+  succeed(step("bin"));
+  EXPECT_EQ(todo().size(), tilesOf().size());
+  succeed(step("run"));
+  expectFromTheStart(first);
 
   succeed(map({"--rolling", path("flight_full"), "--max-memory", "1G", "--change", "full"}, "full"));
   refuse({"tile", "plan", path("full"), "--poses", path("new.txt")}, 2, "usage.poses");
