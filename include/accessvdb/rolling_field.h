@@ -41,7 +41,7 @@ struct RollingOptions {
   std::uint64_t memory_limit_bytes = 0;
   /// Of what lies on a GPU. 0 = four fifths of what is free there as the field is made
   std::uint64_t device_limit_bytes = 0;
-  /// Of the whole process, which takes more than tiles count: they get what it leaves now, less 96 MiB for a step of
+  /// Of the whole process, which takes more than tiles count: they get what it leaves now, less 144 MiB for a step of
   /// scans, and leave earlier where that is too much (tighten()). 0 = no limit
   std::uint64_t process_limit_bytes = 0;
   /// Edge of a tile: FieldWindow::kEdge times a power of two, at least twice the margin that the tool needs. 0 = rule:

@@ -42,7 +42,7 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
 std::uint64_t tileLimit(const RollingOptions& options) {
   const std::uint64_t limit = options.process_limit_bytes;
   if (limit == 0) return options.memory_limit_bytes;
-  constexpr std::uint64_t kForSteps = std::uint64_t{96} << 20, kLeastForTiles = std::uint64_t{16} << 20;
+  constexpr std::uint64_t kForSteps = std::uint64_t{144} << 20, kLeastForTiles = std::uint64_t{16} << 20;
   ::malloc_trim(0);  // what an earlier field has freed is for the tiles of this one
   const std::uint64_t used = residentMemoryBytes() + kForSteps;
   const auto megabytes = [](std::uint64_t bytes) { return std::to_string(bytes >> 20); };
