@@ -283,7 +283,7 @@ void GoneCells::dropWhatIsDone() {
       for (leaf[1] = (middle[1] - reach) >> 1; leaf[1] <= (middle[1] + reach) >> 1; ++leaf[1]) {
         for (leaf[2] = (middle[2] - reach) >> 1; leaf[2] <= (middle[2] + reach) >> 1; ++leaf[2]) {
           const PackedLeaf* of_map = map_.tree().probeConstLeaf({8 * leaf[0], 8 * leaf[1], 8 * leaf[2]});
-          if (of_map == nullptr || packedValues(*of_map) == nullptr) continue;
+          if (of_map == nullptr || !LeafValues(*of_map)) continue;
           const LeafBits collides = map_.collidingIn(*of_map);
           std::uint32_t cells = 0;
           for (std::size_t bit = 0; bit < 512; ++bit) {
@@ -369,7 +369,7 @@ std::vector<LeafChange> openVoxels(PackedMap& map, std::span<const OpenedLeaf> o
     const openvdb::Coord origin(8 * leaf[0], 8 * leaf[1], 8 * leaf[2]);
     // A tile need not have everything that another opens beyond its reach.
     const PackedLeaf* of_map = map.tree().probeConstLeaf(origin);
-    if (of_map != nullptr && packedValues(*of_map) != nullptr) voxels.push_back({origin, bits});
+    if (of_map != nullptr && LeafValues(*of_map)) voxels.push_back({origin, bits});
   }
   return removeAsFree(map, voxels);
 }

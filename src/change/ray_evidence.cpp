@@ -131,7 +131,7 @@ class Walk {
     const std::uint32_t asked = ray.sampled ? 0xffu : cells.suspect;
     if (asked == 0) return;
     const PackedLeaf* leaf = nullptr;
-    const std::uint32_t* values = nullptr;
+    LeafValues values;
     // The centre of the leaf's lowest voxel, from the point of the ray that comes nearest to the leaf's middle: small
     // numbers, which float32 holds exactly enough.
     double nearest = 0;
@@ -168,8 +168,8 @@ class Walk {
         if (!(along > 0 && along < end && distance2 <= kNear * kNear)) continue;
         if (leaf == nullptr) {
           leaf = leafAt(block.leaf);
-          values = leaf == nullptr ? nullptr : packedValues(*leaf);
-          if (values == nullptr) return;
+          if (leaf != nullptr) values = LeafValues(*leaf);
+          if (!values) return;
         }
         // A point whose voxel does not collide is in no one's way: whether it is still there does not matter.
         if (weightOf(values[bit]) == 0 || meanOf(values[bit]) >= map_.collisionMean()) continue;
@@ -199,8 +199,8 @@ class Walk {
 
   void open(const Ray& ray, const Index3& leaf_index, double from, double to) {
     const PackedLeaf* leaf = leafAt(leaf_index);
-    if (leaf == nullptr || packedValues(*leaf) == nullptr || !open_.isWalked(leaf_index)) return;
-    const std::uint32_t* values = packedValues(*leaf);
+    if (leaf == nullptr || !LeafValues(*leaf) || !open_.isWalked(leaf_index)) return;
+    const LeafValues values(*leaf);
     const VoxelVotes* votes = map_.votesOf(*leaf);
     OpenedLeaf open_here = {leaf_index, {}};
     std::uint64_t any = 0;
@@ -283,8 +283,8 @@ bool OpenCells::stands(const Index3& cell) const {
   if ((places_.blocks[number].gone >> own & 1) != 0) return false;
   const PointBlock& block = points_.index().blocks()[number];
   const PackedLeaf* leaf = map_.tree().probeConstLeaf({8 * block.leaf[0], 8 * block.leaf[1], 8 * block.leaf[2]});
-  const std::uint32_t* values = leaf == nullptr ? nullptr : packedValues(*leaf);
-  if (values == nullptr) return false;
+  const LeafValues values = leaf == nullptr ? LeafValues() : LeafValues(*leaf);
+  if (!values) return false;
   for (std::size_t bit = 0; bit < 512; ++bit) {
     if (cellOfBit(bit) != own || !hasBit(block.occupied, bit)) continue;
     if (weightOf(values[bit]) > 0 && meanOf(values[bit]) < map_.collisionMean()) return true;

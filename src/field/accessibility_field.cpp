@@ -297,6 +297,11 @@ std::optional<internal::FieldGpuUse> internal::FieldAccess::gpuUse(const Accessi
   return FieldGpuUse{impl.backend->heldBytes(), impl.backend->pinnedBytes() + impl.mirrors.hostBytes()};
 }
 
+bool internal::FieldAccess::rest(AccessibilityField& field) {
+  field.impl_->map.cold().settle();
+  return field.impl_->map.cold().rest();
+}
+
 bool internal::FieldAccess::agesUntil(const AccessibilityField& field, double age_s) {
   const PackedMap& map = field.impl_->map;
   return map.agesFreeSpace() && map.generations()->isDue(map, age_s);
@@ -358,7 +363,7 @@ internal::FieldCounts internal::FieldAccess::counts(const AccessibilityField& fi
   field.impl_->steps.settle();
   const PackedMap& map = field.impl_->map;
   FieldCounts counts;
-  counts.distance_leaves = map.allocated_leaf_count;
+  counts.distance_leaves = map.allocated_leaf_count - map.cold().leaves() + map.cold().bytes() / kObservedLeafBytes;
   counts.cleared_leaves = map.leaf_count - map.allocated_leaf_count;
   counts.nodes = map.tree().nodeCount()[1];
   counts.points = field.impl_->points.size();

@@ -24,7 +24,7 @@ class StateReader;
 
 /// Exact counts of what the field holds so far.
 struct FieldCounts {
-  std::uint64_t distance_leaves = 0;  ///< leaves that hold distances
+  std::uint64_t distance_leaves = 0;  ///< leaves that hold distances; compact ones as plain ones of the same memory
   std::uint64_t cleared_leaves = 0;   ///< the others
   std::uint64_t nodes = 0;            ///< of 128^3 voxels, above the leaves
   std::uint64_t points = 0;
@@ -55,6 +55,8 @@ struct FieldAccess {
   static FrameStats endScan(AccessibilityField& field, std::span<const OpenedLeaf> opened);
   /// With the field's threads. Only for ChangeMode::Full.
   static void visitGoneCells(AccessibilityField& field, const std::function<void(GoneCells& cells)>& visit);
+  /// Of a field that a step did not touch. @return whether it may take less memory now
+  static bool rest(AccessibilityField& field);
   /// Whether advanceTime() to this age may change anything.
   [[nodiscard]] static bool agesUntil(const AccessibilityField& field, double age_s);
   /// Of a tile: brings its time to that of the larger map (frame_loop.h).

@@ -31,9 +31,10 @@ void Mirrors::take(const MapChangesOfScan& changes, FrameStats& stats) {
 
 void Mirrors::takeDistances(const MapChangesOfScan& changes, FrameStats& stats) {
   std::vector<DistanceChange> opened;  // no longer observed; as the scan left their leaves
+  const auto rooms = std::make_unique_for_overwrite<LeafValues::Room[]>(changes.opened.size());
   for (const LeafChange& change : changes.opened) {
     const auto& [x, y, z] = change.origin_ijk;
-    opened.push_back(distancesOf(map_, *map_.tree().probeConstLeaf({x, y, z})));
+    opened.push_back(distancesOf(map_, *map_.tree().probeConstLeaf({x, y, z}), rooms[opened.size()]));
   }
   if (!opened.empty()) distances_->apply(opened);
   const kernels::Stopwatch mirroring;

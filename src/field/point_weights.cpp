@@ -46,7 +46,7 @@ class WeightWindow {
           const auto offset = static_cast<std::uint16_t>(PackedLeaf::coordToOffset(first));
           const bool holds_centre = x.holds(centre[0]) && y.holds(centre[1]) && z.holds(centre[2]);
           const std::int32_t to_centre = 64 * (centre[0] - x.first) + 8 * (centre[1] - y.first) + centre[2] - z.first;
-          rows_[parts_++] = {node,      nullptr,   nullptr,
+          rows_[parts_++] = {node,      nullptr,   {},
                              in_node,   offset,    length(x),
                              length(y), length(z), static_cast<std::int16_t>(holds_centre ? to_centre : kElsewhere)};
         }
@@ -71,12 +71,15 @@ class WeightWindow {
   void fetch() {
     for (int n = 0; n < parts_; ++n) {
       LeafRows& rows = rows_[static_cast<std::size_t>(n)];
-      rows.values = packedValues(*rows.leaf);
-      if (rows.values == nullptr) continue;
-      rows.values += rows.offset;
+      rows.values = LeafValues(*rows.leaf);
+      if (!rows.values) continue;
+      if (rows.values.compact() != nullptr) {
+        rows.values.prefetch(0);
+        continue;
+      }
       for (int x = 0; x < rows.x; ++x) {  // a cache line holds two rows
-        for (int y = 0; y < rows.y; y += 2) prefetchRead(rows.values + 64 * x + 8 * y);
-        prefetchRead(rows.values + 64 * x + 8 * (rows.y - 1));
+        for (int y = 0; y < rows.y; y += 2) rows.values.prefetch(rows.voxelAt(x, y));
+        rows.values.prefetch(rows.voxelAt(x, rows.y - 1));
       }
     }
   }
@@ -87,12 +90,16 @@ class WeightWindow {
     bool centre = !needs_centre;
     for (int n = 0; n < parts_; ++n) {
       const LeafRows& rows = rows_[static_cast<std::size_t>(n)];
-      if (rows.values == nullptr) continue;
-      if (rows.to_centre != kElsewhere) centre = centre || weightOf(rows.values[rows.to_centre]) > 0;
+      if (!rows.values) continue;
+      if (rows.to_centre != kElsewhere) {
+        centre = centre || weightOf(rows.values[rows.offset + static_cast<std::size_t>(rows.to_centre)]) > 0;
+      }
       for (int x = 0; x < rows.x; ++x) {
         for (int y = 0; y < rows.y; ++y) {
-          const std::uint32_t* row = rows.values + 64 * x + 8 * y;
-          for (int z = 0; z < rows.z; ++z) most = std::max(most, weightOf(row[z]));
+          const std::size_t first = rows.voxelAt(x, y);
+          for (int z = 0; z < rows.z; ++z) {
+            most = std::max(most, weightOf(rows.values[first + static_cast<std::size_t>(z)]));
+          }
         }
       }
     }
@@ -111,11 +118,14 @@ class WeightWindow {
   struct LeafRows {
     const PackedLowerNode* node;
     const PackedLeaf* leaf;
-    const std::uint32_t* values;  ///< values of its first voxel
-    openvdb::Index in_node;       ///< index of the leaf
-    std::uint16_t offset;         ///< offset of the first voxel in the leaf
-    std::int8_t x, y, z;          ///< voxels
-    std::int16_t to_centre;       ///< offset of the central voxel from the first, or kElsewhere
+    LeafValues values;
+    openvdb::Index in_node;  ///< index of the leaf
+    std::uint16_t offset;    ///< offset of the first voxel in the leaf
+    std::int8_t x, y, z;     ///< voxels
+    std::int16_t to_centre;  ///< offset of the central voxel from the first, or kElsewhere
+    [[nodiscard]] std::size_t voxelAt(int at_x, int at_y) const {
+      return offset + static_cast<std::size_t>(64 * at_x + 8 * at_y);
+    }
   };
   std::array<LeafRows, 8> rows_;
   int parts_ = 0;

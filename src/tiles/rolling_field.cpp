@@ -181,6 +181,7 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
       }
     }
     name(fresh);
+    tiles.rest();
     left_out_returns += stats.left_out_returns;
     taken.points_in += stats.points_in;
     taken.points_used += stats.points_used;

@@ -125,6 +125,13 @@ bool RollingTiles::makeRoomFor(const TileIndex& id, std::uint64_t step) {
   return true;
 }
 
+void RollingTiles::rest() {
+  for (auto& [id, tile] : in_memory_) {
+    // What is being saved is being read.
+    if (tile->touched != step_ && !tile->saving && internal::FieldAccess::rest(tile->field)) tile->measure();
+  }
+}
+
 void RollingTiles::shrink(const TileIndex& kept) {
   const auto stays = [&kept](const TileIndex& id, const RollingTile&) { return id == kept; };
   const auto isNeeded = [&](const TileIndex& id, const RollingTile& tile) {

@@ -115,6 +115,8 @@ class RollingTiles {
   bool makeRoomFor(const TileIndex& id, std::uint64_t step);
   /// RollingField::tighten().
   void tighten(double share) { share_ = share; }
+  /// After a step: what it did not come near takes less memory.
+  void rest();
   /// What an update took may be too much: then tiles leave, too, that the last step touched, but not this one.
   void shrink(const TileIndex& kept);
   /// The step touches these, nearest first, as far as there is room: they and what was read of them leave last.

@@ -86,7 +86,7 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
     flipped = foldBesideLeftOut(fusion, waiting, change, changes, result);
   } else {
     PackedLeaf* leaf = waiting.leaf != nullptr ? waiting.leaf : addLeaf(waiting.in_bucket, result);
-    flipped = foldInto(*leaf, fusion, change, changes, result);
+    flipped = foldInto(*leaf, fusion, waiting, change, changes, result);
   }
   if (!flipped) return;
   if (changes.visit) changes.visit(change);
@@ -94,12 +94,9 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
 }
 
 /// @return whether a fact flipped; then `change` says which
-bool BucketFusion::foldInto(PackedLeaf& leaf, LeafFusion& fusion, LeafChange& change, BucketChanges& changes,
-                            BucketResult& result) {
-  if (fusion.hasSamples() && leaf.buffer().empty()) {
-    allocateZeroed(leaf);
-    ++result.allocated;
-  }
+bool BucketFusion::foldInto(PackedLeaf& leaf, LeafFusion& fusion, const Waiting& waiting, LeafChange& change,
+                            BucketChanges& changes, BucketResult& result) {
+  openValues(leaf, fusion.hasSamples(), waiting, result);
   const std::uint32_t touched_pairs = fusion.touchedPairs();
   VoxelVotes* votes = votesFor(fusion, leaf);
   const bool flipped = fusion.fold(leaf, votes, change, result.counts);
@@ -107,9 +104,22 @@ bool BucketFusion::foldInto(PackedLeaf& leaf, LeafFusion& fusion, LeafChange& ch
   if (changes.wants_distances && touched_pairs != 0) {
     const openvdb::Coord& origin = leaf.origin();
     changes.distances.push_back(
-        {{origin.x(), origin.y(), origin.z()}, touched_pairs, packedValues(std::as_const(leaf)), map_.blockedIn(leaf)});
+        {{origin.x(), origin.y(), origin.z()}, touched_pairs, plainValues(leaf), map_.blockedIn(leaf)});
   }
   return flipped;
+}
+
+void BucketFusion::openValues(PackedLeaf& leaf, bool gets_values, const Waiting& waiting, BucketResult& result) {
+  const LeafValues values(leaf);
+  if (values.compact() != nullptr) {
+    map_.cold().makePlain(leaf);
+  } else if (!values && gets_values) {
+    allocateZeroed(leaf);
+    ++result.allocated;
+  } else {
+    return;
+  }
+  result.plain.push_back({nodes_[bucket_leaves_.places[waiting.in_bucket].node()], &leaf});
 }
 
 /// The same where returns are, or have been, left out: a leaf's facts are those of the map, except that what was left
@@ -124,7 +134,7 @@ bool BucketFusion::foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting,
   const LeafBits* found = map_.leftOut().find(origin);
   if (has_place && found == nullptr) {
     if (leaf == nullptr) leaf = addLeaf(waiting.in_bucket, result);
-    return foldInto(*leaf, fusion, change, changes, result);
+    return foldInto(*leaf, fusion, waiting, change, changes, result);
   }
   const LeafBits before = found != nullptr ? *found : LeafBits{};
   const LeafBits sampled = fusion.sampled();
@@ -137,7 +147,7 @@ bool BucketFusion::foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting,
   const std::uint64_t flipped_before = result.counts.flipped_voxels;
   if (!has_place) fusion.dropSamples();
   if (has_place && leaf == nullptr) leaf = addLeaf(waiting.in_bucket, result);
-  if (leaf != nullptr) static_cast<void>(foldInto(*leaf, fusion, change, changes, result));
+  if (leaf != nullptr) static_cast<void>(foldInto(*leaf, fusion, waiting, change, changes, result));
   const LeafChange now = leaf != nullptr ? factsOf(map_, *leaf) : LeafChange{};
   if (after != before) result.left_out.emplace_back(origin, after);
   if (!map_.leftOut().keeps()) after = before;
@@ -212,6 +222,8 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
     fold(fusions_[folded % kWaiting], waiting_[folded % kWaiting], changes, result);
   }
   result.touched += summed;
+  for (const PackedLowerNode* node : nodes_)
+    if (node != nullptr) result.nodes.push_back(node);
 }
 
 }  // namespace accessvdb::internal

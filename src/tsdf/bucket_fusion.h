@@ -33,6 +33,8 @@ struct BucketResult {
   std::vector<std::unique_ptr<PackedLowerNode>> new_nodes;
   /// Leaves in which what is left out has changed, with all their voxels that are left out from now on.
   std::vector<std::pair<openvdb::Coord, LeafBits>> left_out;
+  std::vector<const PackedLowerNode*> nodes;  ///< that the scan came near
+  std::vector<ColdLeaves::PlainLeaf> plain;   ///< that got values, or had compact ones
 };
 
 /// The leaves of one bucket with flipped facts and, if requested, those with changed distances.
@@ -75,7 +77,9 @@ class BucketFusion {
   void askForRecord(const PackedLeaf* leaf) const;
   PackedLeaf* addLeaf(std::size_t in_bucket, BucketResult& result);
   void fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result);
-  bool foldInto(PackedLeaf& leaf, LeafFusion& fusion, LeafChange& change, BucketChanges& changes, BucketResult& result);
+  bool foldInto(PackedLeaf& leaf, LeafFusion& fusion, const Waiting& waiting, LeafChange& change,
+                BucketChanges& changes, BucketResult& result);
+  void openValues(PackedLeaf& leaf, bool gets_values, const Waiting& waiting, BucketResult& result);
   bool foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting, LeafChange& change, BucketChanges& changes,
                          BucketResult& result);
   VoxelVotes* votesFor(const LeafFusion& fusion, const PackedLeaf& leaf);

@@ -31,17 +31,18 @@ LeafChange factsWithLeftOut(const PackedMap& map, const PackedLeaf& leaf) {
 
 LeafBits observedIn(const PackedLeaf& leaf) {
   LeafBits observed = {};
-  const std::uint32_t* packed = packedValues(leaf);
+  LeafValues::Room room;
+  const std::uint32_t* packed = LeafValues(leaf).all(room);
   for (std::size_t n = 0; packed != nullptr && n < PackedLeaf::SIZE; ++n) {
     observed[n >> 6] |= std::uint64_t{weightOf(packed[n]) > 0 ? 1u : 0u} << (n & 63);
   }
   return observed;
 }
 
-DistanceChange distancesOf(const PackedMap& map, const PackedLeaf& leaf) {
+DistanceChange distancesOf(const PackedMap& map, const PackedLeaf& leaf, LeafValues::Room& room) {
   constexpr std::uint32_t kAllRowPairs = ~std::uint32_t{0};
   const openvdb::Coord& origin = leaf.origin();
-  return {{origin.x(), origin.y(), origin.z()}, kAllRowPairs, packedValues(leaf), map.blockedIn(leaf)};
+  return {{origin.x(), origin.y(), origin.z()}, kAllRowPairs, LeafValues(leaf).all(room), map.blockedIn(leaf)};
 }
 
 }  // namespace accessvdb::internal

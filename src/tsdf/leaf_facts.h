@@ -17,7 +17,8 @@ namespace accessvdb::internal {
 /// Of all voxels of a leaf, those that were observed.
 [[nodiscard]] LeafBits observedIn(const PackedLeaf& leaf);
 
-/// All distances of a leaf, as if each had changed. @param leaf  has values
-[[nodiscard]] DistanceChange distancesOf(const PackedMap& map, const PackedLeaf& leaf);
+/// All distances of a leaf, as if each had changed. @param leaf  has values  @param room  must live as long as the
+/// result
+[[nodiscard]] DistanceChange distancesOf(const PackedMap& map, const PackedLeaf& leaf, LeafValues::Room& room);
 
 }  // namespace accessvdb::internal

@@ -8,6 +8,12 @@
 
 namespace accessvdb::internal {
 
+namespace {
+
+constexpr std::size_t kCompactBytesAhead = 512;  ///< of a compact leaf, fetched before it is made plain
+
+}  // namespace
+
 KernelConstants kernelConstants(const PackedMap& map, const RegionShape& shape) {
   const TsdfParams& p = map.params();
   KernelConstants constants;
@@ -119,20 +125,21 @@ void LeafFusion::dropSamples() {
 }
 
 void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
-  const std::uint32_t* packed = packedValues(leaf);
-  if (packed == nullptr) return;
+  const LeafValues values(leaf);
+  if (!values) return;
+  if (values.compact() != nullptr) return prefetchRead(values.compact(), kCompactBytesAhead);
   std::uint32_t pairs = touched_;
   if (passes_ != 0) {  // fold() also looks at voxels cleared for the first time
     pairs |= kernels_.gained_pairs(passed_, map_.confirmedIn(leaf));
   }
-  for (; pairs != 0; pairs &= pairs - 1) __builtin_prefetch(packed + 16 * std::countr_zero(pairs), 1);
+  for (; pairs != 0; pairs &= pairs - 1) values.prefetchPair(std::countr_zero(pairs));
 }
 
 bool LeafFusion::fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, FoldCounts& counts) {
   const auto& origin = leaf.origin();
   change.origin_ijk = {origin.x(), origin.y(), origin.z()};
   constants_.collision_mean = static_cast<std::int32_t>(map_.collisionMean());  // it may change between scans
-  const LeafTarget target = {packedValues(leaf), &leaf.getValueMask().template getWord<std::uint64_t>(0), votes,
+  const LeafTarget target = {plainValues(leaf), &leaf.getValueMask().template getWord<std::uint64_t>(0), votes,
                              &contra_};
   counts.cleared_updates += passes_;
   bool flipped;

@@ -3,19 +3,23 @@
 /// Storage for the buffers of leaves: chunks of 2 MiB, in huge pages if the system grants them.
 ///
 /// A scan touches fresh memory for tens of thousands of leaves; with malloc, page faults cost more than the fusion
-/// itself. Leaves are only ever added, and freed with their map. So a thread cuts buffers off its own chunk without any
-/// lock, and a chunk counts the buffers in use; the last one to be freed returns it to the system. Where there are
-/// several maps, such as the tiles of a rolling field, a chunk has leaves of some that stay and of some that go: then
-/// pieces of it go back to the system before the whole.
+/// itself. Leaves are only ever added; their buffers are freed with their map, or when they become compact
+/// (leaf_values.h). So a thread cuts buffers off its own chunk without any lock, and a chunk counts the buffers in use;
+/// the last one to be freed returns it to the system. Of a chunk some buffers stay and some go, of leaves that become
+/// compact and, where there are several maps, such as the tiles of a rolling field, of maps that go: then pieces of it
+/// go back to the system before the whole.
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstddef>
+#include <cstring>
 #include <mutex>
 #include <new>
+#include <utility>
 #include <vector>
 
 #include "tsdf/leaf_reserve.h"
+#include "tsdf/leaf_values.h"
 #include "tsdf/packed_voxel.h"
 
 #if defined(__linux__) && !defined(__SANITIZE_ADDRESS__)
@@ -29,6 +33,8 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kBufferBytes = 512 * sizeof(PackedVoxel);
+
+thread_local void* t_given = nullptr;  ///< PackedVoxel::giveNext()
 
 #if ACCESSVDB_LEAF_POOL
 constexpr std::size_t kChunkBytes = std::size_t{2} << 20;
@@ -71,12 +77,20 @@ struct ChunkStore {
   std::vector<ChunkHeader*> chunks;
   std::atomic<std::size_t> reserves = 0;  ///< number of existing LeafReserves: of maps
   std::uint64_t taken = 0;                ///< chunks taken by threads so far, ready or not
+  std::vector<void*> recycled;            ///< buffers of leaves that became compact, zero again
+  std::size_t most_recycled = 0;          ///< so many may wait: nobody counts them
+  std::uint64_t reused = 0;               ///< taken by threads so far
 };
 /// Never destroyed: threads may end after everything else.
 ChunkStore& chunkStore() {
   static auto* ready = new ChunkStore;
   return *ready;
 }
+
+/// Of recycled buffers, those that a thread takes at once.
+constexpr std::size_t kBatch = 256;
+/// So many wait for leaves to come at most: 128 MiB.
+constexpr std::size_t kMostRecycled = std::size_t{1} << 16;
 
 /// @throws std::bad_alloc
 ChunkHeader* takeChunk() {
@@ -110,8 +124,7 @@ void freeInPieces(ChunkHeader* chunk, std::size_t buffer) noexcept {
   std::atomic<std::uint8_t>& freed = chunk->freed[buffer / 8];
   const auto bit = static_cast<std::uint8_t>(1u << (buffer % 8));
   const bool is_last = (freed.fetch_or(bit, std::memory_order_acq_rel) | bit) == 0xff;  // never with the header's own
-  // One map frees all its chunks: then pieces would only be more calls.
-  if (!is_last || chunkStore().reserves.load(std::memory_order_relaxed) < 2) return;
+  if (!is_last) return;
 #ifdef MADV_NOHUGEPAGE
   // A huge page would come back as a whole.
   if (!chunk->in_pieces.exchange(true, std::memory_order_relaxed)) madvise(chunk, kChunkBytes, MADV_NOHUGEPAGE);
@@ -119,11 +132,31 @@ void freeInPieces(ChunkHeader* chunk, std::size_t buffer) noexcept {
   madvise(reinterpret_cast<std::byte*>(chunk) + buffer / 8 * kPieceBytes, kPieceBytes, MADV_DONTNEED);
 }
 
-/// The chunk from which a thread cuts buffers.
+/// @param in_pieces  where others of its chunk may stay: else pieces would only be more calls
+void freeBuffer(void* buffer, bool in_pieces) noexcept {
+  const auto address = reinterpret_cast<std::uintptr_t>(buffer);
+  auto* chunk = reinterpret_cast<ChunkHeader*>(address & ~(kChunkBytes - 1));
+  if (in_pieces) freeInPieces(chunk, address % kChunkBytes / kBufferBytes);
+  release(chunk, 1);
+}
+
+/// The chunk from which a thread cuts buffers, and those that it takes before.
 struct ThreadChunk {
   ChunkHeader* chunk = nullptr;
   std::uint32_t next = kBuffersPerChunk;
-  ~ThreadChunk() { release(chunk, kBuffersPerChunk - next); }
+  std::vector<void*> recycled;
+  ~ThreadChunk() {
+    release(chunk, kBuffersPerChunk - next);
+    for (void* buffer : recycled) freeBuffer(buffer, true);
+  }
+  void takeRecycled() {
+    ChunkStore& ready = chunkStore();
+    const std::lock_guard lock(ready.mutex);
+    const std::size_t count = std::min(kBatch, ready.recycled.size());
+    recycled.assign(ready.recycled.end() - static_cast<std::ptrdiff_t>(count), ready.recycled.end());
+    ready.recycled.resize(ready.recycled.size() - count);
+    ready.reused += count;
+  }
 };
 thread_local ThreadChunk t_chunk;
 
@@ -131,10 +164,19 @@ thread_local ThreadChunk t_chunk;
 
 }  // namespace
 
+void PackedVoxel::giveNext(void* buffer) noexcept { t_given = buffer; }
+
 #if ACCESSVDB_LEAF_POOL
 void* PackedVoxel::operator new[](std::size_t bytes) {
+  if (t_given != nullptr) return std::exchange(t_given, nullptr);
   if (bytes != kBufferBytes) throw std::bad_alloc();  // only OpenVDB's leaves allocate here
   ThreadChunk& mine = t_chunk;
+  if (mine.recycled.empty() && (mine.next == kBuffersPerChunk || mine.next % kBatch == 0)) mine.takeRecycled();
+  if (!mine.recycled.empty()) {
+    void* buffer = mine.recycled.back();
+    mine.recycled.pop_back();
+    return buffer;
+  }
   if (mine.next == kBuffersPerChunk) {
     mine.chunk = takeChunk();
     mine.next = 0;
@@ -145,10 +187,21 @@ void* PackedVoxel::operator new[](std::size_t bytes) {
 
 void PackedVoxel::operator delete[](void* buffer) noexcept {
   if (buffer == nullptr) return;
-  const auto address = reinterpret_cast<std::uintptr_t>(buffer);
-  auto* chunk = reinterpret_cast<ChunkHeader*>(address & ~(kChunkBytes - 1));
-  freeInPieces(chunk, address % kChunkBytes / kBufferBytes);
-  release(chunk, 1);
+  if (CompactLeaf::isAt(buffer)) return CompactLeaf::free(CompactLeaf::at(buffer));
+  freeBuffer(buffer, chunkStore().reserves.load(std::memory_order_relaxed) >= 2);
+}
+void PackedVoxel::recycle(std::span<void* const> buffers) noexcept {
+  for (void* buffer : buffers) std::memset(buffer, 0, kBufferBytes);
+  ChunkStore& ready = chunkStore();
+  std::size_t kept = 0;
+  try {
+    const std::lock_guard lock(ready.mutex);
+    kept = std::min(buffers.size(), ready.most_recycled - std::min(ready.most_recycled, ready.recycled.size()));
+    ready.recycled.insert(ready.recycled.end(), buffers.begin(), buffers.begin() + static_cast<std::ptrdiff_t>(kept));
+  } catch (const std::bad_alloc&) {
+    kept = 0;
+  }
+  for (void* buffer : buffers.subspan(kept)) freeBuffer(buffer, true);
 }
 
 bool newPackedVoxelsAreZero() { return true; }  // no buffer is handed out twice
@@ -175,6 +228,7 @@ void LeafReserve::begin() {
   ChunkStore& ready = chunkStore();
   const std::lock_guard lock(ready.mutex);
   seen_chunks_ = ready.taken;
+  seen_reused_ = ready.reused;
 }
 
 void LeafReserve::refill() {
@@ -184,6 +238,8 @@ void LeafReserve::refill() {
   {
     const std::lock_guard lock(ready.mutex);
     const std::uint64_t taken = ready.taken - seen_chunks_;
+    const std::uint64_t buffers = taken * kBuffersPerChunk + ready.reused - seen_reused_;
+    ready.most_recycled = std::min(std::max<std::size_t>(ready.most_recycled / 8 * 7, 2 * buffers), kMostRecycled);
     // Each thread begins with one chunk, and a map that does not grow needs no second one.
     wanted = std::min({taken, last_taken_, kMostChunks});
     last_taken_ = taken;
@@ -226,8 +282,16 @@ void LeafReserve::begin() {}
 void LeafReserve::refill() {}
 void LeafReserve::wait() {}
 std::size_t LeafReserve::readyChunks() { return 0; }
-void* PackedVoxel::operator new[](std::size_t bytes) { return ::operator new[](bytes); }
-void PackedVoxel::operator delete[](void* buffer) noexcept { ::operator delete[](buffer); }
+void* PackedVoxel::operator new[](std::size_t bytes) {
+  return t_given != nullptr ? std::exchange(t_given, nullptr) : ::operator new[](bytes);
+}
+void PackedVoxel::operator delete[](void* buffer) noexcept {
+  if (CompactLeaf::isAt(buffer)) return CompactLeaf::free(CompactLeaf::at(buffer));
+  ::operator delete[](buffer);
+}
+void PackedVoxel::recycle(std::span<void* const> buffers) noexcept {
+  for (void* buffer : buffers) ::operator delete[](buffer);
+}
 #endif
 
 }  // namespace accessvdb::internal

@@ -25,8 +25,8 @@ class LeafReserve {
 
   /// Call before a scan: what other maps have taken, or this one when it was read from a file, is not its scan's.
   void begin();
-  /// Call after a scan: prepares the lesser number of chunks taken by the last two scans, but at most 128 MiB. Returns
-  /// at once.
+  /// Call after a scan, to keep twice the buffers that it took of those that leaves give back. Also prepares the lesser
+  /// number of chunks taken by the last two scans, but at most 128 MiB. Returns at once.
   void refill();
   /// Waits for refill().
   void wait();
@@ -35,7 +35,7 @@ class LeafReserve {
   [[nodiscard]] static std::size_t readyChunks();
 
  private:
-  std::uint64_t seen_chunks_;  ///< since begin()
+  std::uint64_t seen_chunks_, seen_reused_ = 0;  ///< since begin()
   std::uint64_t last_taken_ = 0;
   tbb::task_arena arena_;
   tbb::task_group group_;

@@ -78,6 +78,9 @@ class LeafValues {
     }
   }
 
+  /// Of a plain leaf, a cache line of two rows that will be written to. @param pair  of 32
+  void prefetchPair(int pair) const { prefetchWrite(plain_ + 16 * pair, 1); }
+
   using Room = std::uint32_t[PackedLeaf::SIZE];
   /// All 512; nullptr if there are none. @param room  gets those of a compact leaf
   [[nodiscard]] const std::uint32_t* all(Room& room) const {
@@ -102,8 +105,8 @@ void allocateZeroed(PackedLeaf& leaf);
 
 /// @return a compact form of the values; nullptr if it would save too little  @throws std::bad_alloc
 [[nodiscard]] const CompactLeaf* makeCompact(const std::uint32_t* values);
-/// Puts makeCompact() in the place of what the leaf has.
-void putCompact(PackedLeaf& leaf, const CompactLeaf* block);
+/// Puts makeCompact() in the place of what the leaf has. @return its plain buffer, now the caller's; nullptr: none
+[[nodiscard]] void* putCompact(PackedLeaf& leaf, const CompactLeaf* block);
 /// Makes a compact leaf plain. @return the bytes of the block that it had  @throws std::bad_alloc
 std::uint32_t makePlain(PackedLeaf& leaf);
 

@@ -98,7 +98,8 @@ LeafBits PackedMap::confirmedIn(const PackedLeaf& leaf) const {
 
 LeafBits PackedMap::collidingIn(const PackedLeaf& leaf) const {
   LeafBits collides = blockedIn(leaf);
-  const std::uint32_t* packed = packedValues(leaf);
+  LeafValues::Room room;
+  const std::uint32_t* packed = LeafValues(leaf).all(room);
   if (packed == nullptr) return collides;
   KernelConstants constants = {};
   constants.collision_mean = static_cast<std::int32_t>(collision_mean_);
@@ -112,7 +113,7 @@ VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
   const PackedLeaf* leaf = tree_.probeConstLeaf(ijk);
   if (leaf == nullptr) return state;
   state.cleared = isKnownFree(*leaf, PackedLeaf::coordToOffset(ijk));
-  if (const std::uint32_t* values = packedValues(*leaf)) {
+  if (const LeafValues values(*leaf); values) {
     const std::uint32_t packed = values[PackedLeaf::coordToOffset(ijk)];
     state.weight = weightOf(packed);
     if (state.weight > 0) state.distance_m = distanceOf(meanOf(packed));
@@ -140,8 +141,7 @@ PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafB
           weight > params_.max_weight || meanOf(packed[n]) > kMeanSteps || (weight == 0 && packed[n] != 0) ? 1u : 0u;
     }
     if (wrong != 0) return nullptr;
-    leaf->buffer().allocate();
-    std::memcpy(packedValues(*leaf), packed, PackedLeaf::SIZE * sizeof(PackedVoxel));
+    cold_.put(*leaf, packed);
     observed_voxels += observed;
     ++allocated_leaf_count;
   }
@@ -165,8 +165,8 @@ PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafB
 }
 
 std::uint64_t PackedMap::memoryBytes() const {
-  std::uint64_t bytes =
-      allocated_leaf_count * kObservedLeafBytes + (leaf_count - allocated_leaf_count) * kClearedLeafBytes;
+  std::uint64_t bytes = leaf_count * kClearedLeafBytes + cold_.bytes() +
+                        (allocated_leaf_count - cold_.leaves()) * (kObservedLeafBytes - kClearedLeafBytes);
   if (votes_ != nullptr) bytes += votes_->bytes();
   if (generations_ != nullptr) bytes += generations_->records().bytes();
   if (!left_out_.empty()) bytes += left_out_.bytes();

@@ -5,37 +5,27 @@
 /// value  = mean distance in 20 bits | weight in 12 bits; 0 = unobserved
 /// active = cleared; where free space ages: confirmed to be free in this generation (free_generations.h)
 ///
-/// A leaf that rays only passed through has no buffer (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB.
-/// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/design/map.md, "The authored map").
+/// A leaf that rays only passed through has no buffer (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB. Of one
+/// that no scan has touched for a while, the values are compact (leaf_values.h). Integration is bound by memory, so
+/// this, not arithmetic, decides its speed (docs/design/map.md, "The authored map").
 #pragma once
 
-#include <openvdb/tree/Tree.h>
-#include <openvdb/tree/ValueAccessor.h>
-
 #include <cstdint>
-#include <cstring>
 #include <memory>
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
 #include "accessvdb/params.h"
 #include "accessvdb/voxel_state.h"
+#include "tsdf/cold_leaves.h"
 #include "tsdf/free_generations.h"
+#include "tsdf/leaf_values.h"
 #include "tsdf/left_out_voxels.h"
+#include "tsdf/map_tree.h"
 #include "tsdf/new_things.h"
-#include "tsdf/packed_voxel.h"
 #include "tsdf/vote_pool.h"
 
 namespace accessvdb::internal {
-
-using PackedTree = openvdb::tree::Tree4<PackedVoxel, 5, 4, 3>::Type;
-using PackedLeaf = PackedTree::LeafNodeType;
-using PackedLowerNode = PackedTree::RootNodeType::ChildNodeType::ChildNodeType;  ///< of 16^3 leaves
-/// Caches inner nodes only. OpenVDB's default accessors also cache the leaf's buffer, and thereby allocate an
-/// uninitialised one for leaves without: never use them on this tree.
-using PackedAccessor = openvdb::tree::ValueAccessor2<PackedTree, /*IsSafe=*/false, 1, 2>;
-using ConstPackedAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
-static_assert(PackedLeaf::LOG2DIM == 3, "masks and rows assume 8x8x8 leaves");
 
 class PackedMap {
  public:
@@ -132,8 +122,18 @@ class PackedMap {
   PackedLeaf* restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared, const std::uint32_t* packed,
                           const VoxelVotes* votes = nullptr, const LeafBits* before = nullptr);
 
+  /// The values of a leaf, to be written: a compact one becomes plain. Of different leaves from several threads.
+  /// @return nullptr if it has none  @throws std::bad_alloc
+  std::uint32_t* openValues(PackedLeaf& leaf) {
+    if (LeafValues(leaf).compact() != nullptr) cold_.makePlain(leaf);
+    return plainValues(leaf);
+  }
+  /// Which leaves are compact.
+  [[nodiscard]] ColdLeaves& cold() { return cold_; }
+  [[nodiscard]] const ColdLeaves& cold() const { return cold_; }
+
   std::uint64_t leaf_count = 0;            ///< all leaves
-  std::uint64_t allocated_leaf_count = 0;  ///< those with a buffer
+  std::uint64_t allocated_leaf_count = 0;  ///< those with values, plain or compact
   std::uint64_t observed_voxels = 0;
 
   [[nodiscard]] std::uint64_t memoryBytes() const;
@@ -148,6 +148,7 @@ class PackedMap {
   std::unique_ptr<FreeGenerations> generations_;
   bool grows_ = true;
   LeftOutVoxels left_out_;
+  ColdLeaves cold_;  ///< last: what it does beside reads the tree
 
   [[nodiscard]] std::uint32_t leastMeanAt(float distance_m) const;
 };
@@ -163,19 +164,5 @@ inline bool PackedMap::hasPlaceFor(const openvdb::Coord& ijk, ConstPackedAccesso
 /// Bytes that a leaf costs, including malloc's word for the node (buffers come from the pool); asserted in a test.
 inline constexpr std::uint64_t kClearedLeafBytes = (sizeof(PackedLeaf) + sizeof(void*) + 15) / 16 * 16;
 inline constexpr std::uint64_t kObservedLeafBytes = kClearedLeafBytes + PackedLeaf::SIZE * sizeof(PackedVoxel);
-
-/// The packed values of a leaf, or nullptr if it is only cleared. (buffer().data() would allocate.)
-inline const std::uint32_t* packedValues(const PackedLeaf& leaf) {
-  return leaf.buffer().empty() ? nullptr : &leaf.buffer().data()->bits;
-}
-inline std::uint32_t* packedValues(PackedLeaf& leaf) {
-  return leaf.buffer().empty() ? nullptr : &leaf.buffer().data()->bits;
-}
-
-/// Gives a leaf without values a buffer of unobserved voxels. @throws std::bad_alloc
-inline void allocateZeroed(PackedLeaf& leaf) {
-  leaf.buffer().allocate();
-  if (!newPackedVoxelsAreZero()) std::memset(packedValues(leaf), 0, PackedLeaf::SIZE * sizeof(PackedVoxel));
-}
 
 }  // namespace accessvdb::internal

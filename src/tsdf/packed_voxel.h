@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "hostdev/packed_mean.h"
 
@@ -29,7 +30,12 @@ struct PackedVoxel {
   constexpr PackedVoxel operator-() const { return PackedVoxel(0u - bits); }
 
   static void* operator new[](std::size_t bytes);
+  /// Also of a compact leaf.
   static void operator delete[](void* buffer) noexcept;
+  /// Buffers of leaves that became compact: for leaves to come, or back to the system.
+  static void recycle(std::span<void* const> buffers) noexcept;
+  /// What the next new PackedVoxel[512] of this thread gives: OpenVDB takes no buffer of others.
+  static void giveNext(void* buffer) noexcept;
 };
 static_assert(sizeof(PackedVoxel) == sizeof(std::uint32_t));
 

@@ -221,6 +221,7 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
 
   const std::size_t tasks = (leaves_.size() + kLeavesPerTask - 1) / kLeavesPerTask;
   std::vector<TaskResult> done(tasks);
+  map_.cold().settle();
   PackedTree& tree = map_.tree();
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t t) {
     Workers::Worker& worker = workers_->local.local();
@@ -244,7 +245,7 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
         allocateZeroed(*leaf);
         ++task.allocated;
       }
-      const LeafTarget target = {packedValues(*leaf), &leaf->getValueMask().template getWord<std::uint64_t>(0)};
+      const LeafTarget target = {map_.openValues(*leaf), &leaf->getValueMask().template getWord<std::uint64_t>(0)};
       if (wants_distances_) task.distances.push_back({origin, touched, target.packed});
       LeafChange change;
       change.origin_ijk = origin;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <memory>
 
 #include "tsdf/leaf_bits.h"
 #include "tsdf/leaf_facts.h"
@@ -17,13 +18,16 @@ bool anyFlip(const LeafChange& change) { return flippedVoxels(change) != 0; }
 template <typename Edit>
 std::vector<LeafChange> edited(PackedMap& map, const VoxelSet& voxels, const Edit& edit) {
   std::vector<LeafChange> changes;
+  map.cold().settle();
   for (const LeafVoxels& part : voxels) {
     PackedLeaf* leaf = map.tree().probeLeaf(part.origin_ijk);
     if (leaf == nullptr) continue;
     const LeafChange before = factsWithLeftOut(map, *leaf);
     const std::uint32_t number = map.voteNumberOf(*leaf);
     VoxelVotes* votes = number == 0 ? nullptr : &map.votePool()->get(number);
+    const bool was_compact = LeafValues(*leaf).compact() != nullptr;
     edit(*leaf, part.bits, votes);
+    if (was_compact) map.cold().notePlain({map.tree().root().probeNode<PackedLowerNode>(part.origin_ijk), leaf});
     if (votes != nullptr && !votes->any()) {
       map.votePool()->remove(number);
       map.setVoteNumber(*leaf, 0);
@@ -94,12 +98,13 @@ bool contains(const VoxelSet& voxels, const openvdb::Coord& ijk) {
 
 void forEachDistanceLeaf(const PackedMap& map,
                          const std::function<void(std::span<const DistanceChange> distances)>& take) {
-  constexpr std::size_t kLeavesPerPart = 4096;
+  constexpr std::size_t kLeavesPerPart = 1024;
+  const auto rooms = std::make_unique_for_overwrite<LeafValues::Room[]>(kLeavesPerPart);
   std::vector<const PackedLeaf*> leaves;
   map.tree().getNodes(leaves);
   std::vector<DistanceChange> part;
   for (std::size_t n = 0; n < leaves.size(); ++n) {
-    if (packedValues(*leaves[n]) != nullptr) part.push_back(distancesOf(map, *leaves[n]));
+    if (LeafValues(*leaves[n])) part.push_back(distancesOf(map, *leaves[n], rooms[part.size()]));
     if (part.size() < kLeavesPerPart && n + 1 < leaves.size()) continue;
     take(part);
     part.clear();
@@ -126,8 +131,8 @@ std::vector<LeafChange> flipsIfFree(const PackedMap& map, const VoxelSet& voxels
 }
 
 std::vector<LeafChange> removeAsUnknown(PackedMap& map, const VoxelSet& voxels) {
-  return edited(map, voxels, [](PackedLeaf& leaf, const LeafBits& bits, VoxelVotes* votes) {
-    std::uint32_t* packed = packedValues(leaf);
+  return edited(map, voxels, [&map](PackedLeaf& leaf, const LeafBits& bits, VoxelVotes* votes) {
+    std::uint32_t* packed = map.openValues(leaf);
     forEachBit(bits, [&](std::size_t n) {
       if (weightOf(packed[n]) > 0) packed[n] = packVoxel(meanOf(packed[n]), 1);
     });
@@ -143,7 +148,7 @@ std::vector<LeafChange> removeAsUnknown(PackedMap& map, const VoxelSet& voxels) 
 
 std::vector<LeafChange> removeAsFree(PackedMap& map, const VoxelSet& voxels) {
   return edited(map, voxels, [&map](PackedLeaf& leaf, const LeafBits& bits, VoxelVotes* votes) {
-    std::uint32_t* packed = packedValues(leaf);
+    std::uint32_t* packed = map.openValues(leaf);
     forEachBit(bits, [&](std::size_t n) {
       if (weightOf(packed[n]) == 0) return;
       packed[n] = 0;

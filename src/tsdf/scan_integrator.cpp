@@ -87,6 +87,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     binned_ = false;
   }
 
+  map_.cold().settle();
   reserve_.begin();
   // The largest buckets first, so that no thread starts one when the others are done.
   std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket
@@ -118,6 +119,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
       map_.leftOut().set(origin, voxels);
     }
   }
+  noteTouched(buckets);
   for (const auto& changes : changes_) {
     if (!changes.facts.empty()) result.changes.emplace_back(changes.facts);
     if (!changes.distances.empty()) result.distances.emplace_back(changes.distances);
@@ -127,6 +129,16 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   if (projective_) integrateProjected(p_L, q_L[0], frame, result);
   reserve_.refill();
   return result;
+}
+
+void ScanIntegrator::noteTouched(std::span<const BucketResult> buckets) {
+  std::vector<const PackedLowerNode*> nodes;
+  std::vector<ColdLeaves::PlainLeaf> plain;
+  for (const BucketResult& bucket : buckets) {
+    nodes.insert(nodes.end(), bucket.nodes.begin(), bucket.nodes.end());
+    plain.insert(plain.end(), bucket.plain.begin(), bucket.plain.end());
+  }
+  map_.cold().noteScan(std::move(nodes), std::move(plain));
 }
 
 void ScanIntegrator::integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L,

@@ -48,6 +48,7 @@ class ScanIntegrator {
                               const ScanFrame& frame = {});
 
  private:
+  void noteTouched(std::span<const BucketResult> buckets);
   void integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L, const ScanFrame& frame,
                           IntegrationResult& result);
 

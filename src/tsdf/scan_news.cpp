@@ -15,7 +15,7 @@ namespace {
 struct Visit {
   const PackedLowerNode* node;
   const PackedLeaf* leaf;
-  const std::uint32_t* voxel;
+  LeafValues values;
   openvdb::Index in_node, in_leaf;
 };
 constexpr std::size_t kGroup = 32;
@@ -34,7 +34,10 @@ void markNews(const PackedMap& map, std::span<ReturnRay> rays) {
       const auto& base = rays[first + n].base_ijk;
       const openvdb::Coord ijk(base[0], base[1], base[2]);
       Visit& visit = visits[n];
-      visit = {accessor.probeConstNode<PackedLowerNode>(ijk), nullptr, nullptr, PackedLowerNode::coordToOffset(ijk),
+      visit = {accessor.probeConstNode<PackedLowerNode>(ijk),
+               nullptr,
+               {},
+               PackedLowerNode::coordToOffset(ijk),
                PackedLeaf::coordToOffset(ijk)};
       if (visit.node == nullptr) continue;
       prefetchRead(visit.node->getTable() + visit.in_node);
@@ -49,14 +52,12 @@ void markNews(const PackedMap& map, std::span<ReturnRay> rays) {
     for (std::size_t n = 0; n < count; ++n) {
       Visit& visit = visits[n];
       if (visit.leaf == nullptr) continue;
-      const std::uint32_t* values = packedValues(*visit.leaf);
-      if (values == nullptr) continue;
-      visit.voxel = values + visit.in_leaf;
-      prefetchRead(visit.voxel);
+      visit.values = LeafValues(*visit.leaf);
+      if (visit.values) visit.values.prefetch(visit.in_leaf);
     }
     for (std::size_t n = 0; n < count; ++n) {
       const Visit& visit = visits[n];
-      rays[first + n].news = visit.voxel == nullptr ? without_values : rule.isNews(*visit.voxel) ? 1 : 0;
+      rays[first + n].news = !visit.values ? without_values : rule.isNews(visit.values[visit.in_leaf]) ? 1 : 0;
     }
   }
 }

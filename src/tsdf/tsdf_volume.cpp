@@ -76,7 +76,8 @@ openvdb::FloatGrid::Ptr TsdfVolume::distance(const FieldWindow& tile) const {
   const internal::PackedMap& map = *packed_;
   const auto tau = static_cast<float>(map.params().truncation_distance_m);
   auto grid = buildGrid<openvdb::FloatGrid>(map, tile, "distance", tau, [&map](const PackedLeaf& from, auto& to) {
-    const std::uint32_t* packed = internal::packedValues(from);
+    internal::LeafValues::Room room;
+    const std::uint32_t* packed = internal::LeafValues(from).all(room);
     if (packed == nullptr) return false;
     const internal::VoxelVotes* votes = map.votesOf(from);
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
@@ -92,7 +93,8 @@ openvdb::FloatGrid::Ptr TsdfVolume::distance(const FieldWindow& tile) const {
 
 openvdb::FloatGrid::Ptr TsdfVolume::weight(const FieldWindow& tile) const {
   return buildGrid<openvdb::FloatGrid>(*packed_, tile, "weight", 0.0f, [](const PackedLeaf& from, auto& to) {
-    const std::uint32_t* packed = internal::packedValues(from);
+    internal::LeafValues::Room room;
+    const std::uint32_t* packed = internal::LeafValues(from).all(room);
     if (packed == nullptr) return false;
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
       const std::uint32_t weight = internal::weightOf(packed[n]);

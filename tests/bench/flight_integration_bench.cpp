@@ -22,6 +22,7 @@
 #include <memory>
 #include <vector>
 
+#include "accessvdb/program/memory_prediction.h"
 #include "bench/pine_flight.h"
 #include "field/new_thing_margin.h"
 #include "launch/stopwatch.h"
@@ -64,7 +65,8 @@ std::uint64_t hashOf(const internal::PackedMap& map) {
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
     for (int axis = 0; axis < 3; ++axis) add(static_cast<std::uint32_t>(leaf->origin()[axis]));
     for (openvdb::Index w = 0; w < 8; ++w) add(leaf->getValueMask().getWord<openvdb::Index64>(w));
-    const std::uint32_t* packed = internal::packedValues(*leaf);
+    internal::LeafValues::Room room;
+    const std::uint32_t* packed = internal::LeafValues(*leaf).all(room);
     for (openvdb::Index n = 0; packed != nullptr && n < internal::PackedLeaf::SIZE; ++n) add(packed[n]);
   }
   return hash;
@@ -173,6 +175,9 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
               static_cast<unsigned long long>(hashOf(map)), static_cast<unsigned long long>(changes_hash),
               static_cast<unsigned long long>(map.leaf_count),
               static_cast<unsigned long long>(map.allocated_leaf_count));
+  std::printf("memory  %.0f MB, of them %.0f in %llu compact leaves; resident %.0f MB\n",
+              1e-6 * static_cast<double>(map.memoryBytes()), 1e-6 * static_cast<double>(map.cold().bytes()),
+              static_cast<unsigned long long>(map.cold().leaves()), 1e-6 * static_cast<double>(residentMemoryBytes()));
   std::fflush(stdout);
 }
 

@@ -59,7 +59,8 @@ void ScanOnDevice::addLeaf(const internal::PackedMap& map, const Origin& origin_
   const auto is_cone = [](kernels::LeafEntry entry) { return !entry.band(); };
   const auto is_news = [&](kernels::LeafEntry entry) { return is_cone(entry) && rays_[entry.index()].news != 0; };
   const internal::PackedLeaf* leaf = leafAt(map, origin_ijk);
-  const std::uint32_t* values = leaf == nullptr ? nullptr : internal::packedValues(*leaf);
+  internal::LeafValues::Room room;
+  const std::uint32_t* values = leaf == nullptr ? nullptr : internal::LeafValues(*leaf).all(room);
   const internal::VoxelVotes* votes = leaf == nullptr || !map.blocksNewThings() ? nullptr : map.votesOf(*leaf);
   FusedLeaf fused = {};
   std::copy(origin_ijk.begin(), origin_ijk.end(), fused.origin_ijk);
@@ -188,7 +189,8 @@ FusionDifferences ScanOnDevice::compare(const internal::PackedMap& map, const in
       continue;
     }
     if (leaf == nullptr) continue;
-    const std::uint32_t* values = internal::packedValues(*leaf);
+    internal::LeafValues::Room room;
+    const std::uint32_t* values = internal::LeafValues(*leaf).all(room);
     const bool sampled = (outcome.flags & FusedOutcome::kSampled) != 0;
     if ((values != nullptr) != (had_values_[fused.slot] != 0 || sampled)) ++found.reached;
     const std::uint32_t* own =

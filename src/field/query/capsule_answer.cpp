@@ -42,7 +42,8 @@ class CapsuleScan {
   void scanLeaf(const PackedLeaf* leaf, const openvdb::Coord& origin) {
     float corner[3];
     for (int axis = 0; axis < 3; ++axis) corner[axis] = static_cast<float>(origin[axis] - capsule_.anchor[axis]);
-    const std::uint32_t* values = leaf == nullptr ? nullptr : packedValues(*leaf);
+    LeafValues::Room room;
+    const std::uint32_t* values = leaf == nullptr ? nullptr : LeafValues(*leaf).all(room);
     if (values == nullptr) {
       const LeafBits cleared = leaf == nullptr ? LeafBits{} : source_.map->confirmedIn(*leaf);
       if (!found_.unknown) found_.unknown = touchesUnknown(capsule_, corner, cleared, reach_ * reach_);

@@ -30,7 +30,7 @@ struct Visit {
   double distance_m;
   const PackedLowerNode* lower;
   const PackedLeaf* leaf;
-  const std::uint32_t* packed;
+  LeafValues values;
   const QueryIndex::LeafGroup* leaf_group;  ///< the leaf group of its own block
   const Block* own;                         ///< its own block
   const QueryIndex::Entry* point;           ///< the point that answers
@@ -80,7 +80,7 @@ class Answerer {
     visit.p_L = p_W - source_.origin_W;
     visit.lower = nullptr;
     visit.leaf = nullptr;
-    visit.packed = nullptr;
+    visit.values = {};
     visit.leaf_group = nullptr;
     visit.own = nullptr;
     visit.point = nullptr;
@@ -122,10 +122,8 @@ class Answerer {
 
   void findVoxels(Visit& visit) {
     if (visit.leaf != nullptr) {
-      if (const std::uint32_t* values = packedValues(*visit.leaf)) {
-        visit.packed = values + PackedLeaf::coordToOffset(coordOf(visit));
-        prefetchRead(visit.packed);
-      }
+      visit.values = LeafValues(*visit.leaf);
+      if (visit.values) visit.values.prefetch(PackedLeaf::coordToOffset(coordOf(visit)));
     }
     if (visit.own != nullptr) {
       const std::size_t bit = bitInParent(visit.voxel);
@@ -337,11 +335,12 @@ class Answerer {
     if (visit.leaf != nullptr) {
       answer.cleared = source_.map->isKnownFree(*visit.leaf, PackedLeaf::coordToOffset(coordOf(visit)));
     }
-    if (visit.packed != nullptr) answer.weight = static_cast<std::uint16_t>(weightOf(*visit.packed));
+    const std::uint32_t packed = visit.values ? visit.values[PackedLeaf::coordToOffset(coordOf(visit))] : 0;
+    answer.weight = static_cast<std::uint16_t>(weightOf(packed));
     if (answer.weight > 0) {
       const VoxelVotes* votes = source_.map->votesOf(*visit.leaf);
       const bool blocked = votes != nullptr && votes->blockedAt(PackedLeaf::coordToOffset(coordOf(visit)));
-      answer.distance_m = blocked ? 0 : source_.map->distanceOf(meanOf(*visit.packed));
+      answer.distance_m = blocked ? 0 : source_.map->distanceOf(meanOf(packed));
     }
     answer.unknown = answer.weight == 0 && !answer.cleared;
     // Where free space ages, what is far from every surface but was not confirmed for long is unknown again.

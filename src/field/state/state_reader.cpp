@@ -273,6 +273,7 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
   std::vector<const PackedLeaf*> leaves;
   std::vector<LeafChange> facts;
   std::vector<DistanceChange> distances;
+  const auto rooms = std::make_unique_for_overwrite<LeafValues::Room[]>(kLeavesRead);
   const auto hand_over = [&] {
     facts.resize(leaves.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
@@ -281,7 +282,7 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
     std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
     distances.clear();
     for (const PackedLeaf* leaf : leaves) {
-      if (packedValues(*leaf) != nullptr) distances.push_back(distancesOf(map, *leaf));
+      if (LeafValues(*leaf)) distances.push_back(distancesOf(map, *leaf, rooms[distances.size()]));
     }
     take(facts, distances);
     leaves.clear();

@@ -38,7 +38,8 @@ void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map
                           head.leaves_with_votes * kLeafVoteBytes + head.leaves_with_before * kLeafBeforeBytes);
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
     const std::int32_t origin[3] = {leaf->origin().x(), leaf->origin().y(), leaf->origin().z()};
-    const std::uint32_t* values = packedValues(*leaf);
+    LeafValues::Room room;
+    const std::uint32_t* values = LeafValues(*leaf).all(room);
     const VoxelVotes* votes = map.votesOf(*leaf);
     const LeafBits* before = map.beforeOf(*leaf);
     if (before != nullptr && *before == LeafBits{}) before = nullptr;

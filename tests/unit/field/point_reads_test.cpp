@@ -51,7 +51,8 @@ TsdfParams tsdfParams(double v, UpdateRegion region = UpdateRegion::DoubleCone, 
 std::map<Index3, std::uint32_t> weightsOf(const PackedMap& map) {
   std::map<Index3, std::uint32_t> weights;
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
-    const std::uint32_t* packed = packedValues(*leaf);
+    LeafValues::Room room;
+    const std::uint32_t* packed = LeafValues(*leaf).all(room);
     for (openvdb::Index n = 0; packed != nullptr && n < PackedLeaf::SIZE; ++n) {
       const openvdb::Coord ijk = leaf->offsetToGlobalCoord(n);
       if (weightOf(packed[n]) > 0) weights[{ijk.x(), ijk.y(), ijk.z()}] = weightOf(packed[n]);

@@ -56,7 +56,8 @@ Outcome run(const std::vector<std::vector<Eigen::Vector3f>>& scans, UpdateRegion
     outcome.observed = map.observed_voxels;
     for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
       auto& [values, mask] = outcome.leaves[{leaf->origin().x(), leaf->origin().y(), leaf->origin().z()}];
-      if (const std::uint32_t* packed = packedValues(*leaf)) values.assign(packed, packed + PackedLeaf::SIZE);
+      LeafValues::Room room;
+      if (const std::uint32_t* packed = LeafValues(*leaf).all(room)) values.assign(packed, packed + PackedLeaf::SIZE);
       for (openvdb::Index w = 0; w < 8; ++w) mask.push_back(leaf->getValueMask().getWord<openvdb::Index64>(w));
     }
   });

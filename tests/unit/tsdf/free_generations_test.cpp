@@ -148,7 +148,8 @@ TEST(FreeGenerations, AVoxelIsFreeWhileOneOfTwoGenerationsConfirmedIt) {
       return ages.map.generations()->generationOf(ijk.x() & ~127, ijk.y() & ~127, ijk.z() & ~127);
     };
     for (auto leaf = alone.map.tree().cbeginLeaf(); leaf; ++leaf) {
-      const std::uint32_t* values = packedValues(*leaf);
+      LeafValues::Room room;
+      const std::uint32_t* values = LeafValues(*leaf).all(room);
       for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
         const bool free =
             values != nullptr && weightOf(values[n]) > 0 && meanOf(values[n]) >= alone.map.collisionMean();
@@ -160,7 +161,8 @@ TEST(FreeGenerations, AVoxelIsFreeWhileOneOfTwoGenerationsConfirmedIt) {
     for (auto leaf = still.map.tree().cbeginLeaf(); leaf; ++leaf) {
       const PackedLeaf* aged = ages.map.tree().probeConstLeaf(leaf->origin());
       ASSERT_NE(aged, nullptr);
-      const std::uint32_t *values = packedValues(*leaf), *aged_values = packedValues(*aged);
+      LeafValues::Room room, aged_room;
+      const std::uint32_t *values = LeafValues(*leaf).all(room), *aged_values = LeafValues(*aged).all(aged_room);
       ASSERT_EQ(values == nullptr, aged_values == nullptr);
       const LeafChange facts = factsOf(ages.map, *aged);
       for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {

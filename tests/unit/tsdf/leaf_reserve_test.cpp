@@ -29,7 +29,7 @@ std::size_t addLeaves(Leaves& leaves, std::size_t count) {
   for (std::size_t n = 0; n < count; ++n) {
     leaves.push_back(std::make_unique<PackedLeaf>(openvdb::PartialCreate(), openvdb::Coord(0)));
     allocateZeroed(*leaves.back());
-    std::uint32_t* values = packedValues(*leaves.back());
+    std::uint32_t* values = plainValues(*leaves.back());
     not_zero += static_cast<std::size_t>(std::count_if(values, values + 512, [](std::uint32_t v) { return v != 0; }));
     std::fill(values, values + 512, 0xdeadbeefu);
   }
@@ -97,7 +97,7 @@ TEST(LeafReserve, PreparesOnlyForWhatScansTook) {
 
 std::set<std::uintptr_t> pagesOf(const Leaves& leaves, std::uintptr_t page_bytes) {
   std::set<std::uintptr_t> pages;
-  for (const auto& leaf : leaves) pages.insert(reinterpret_cast<std::uintptr_t>(packedValues(*leaf)) / page_bytes);
+  for (const auto& leaf : leaves) pages.insert(reinterpret_cast<std::uintptr_t>(plainValues(*leaf)) / page_bytes);
   return pages;
 }
 
@@ -131,7 +131,7 @@ TEST(LeafReserve, WhatOneOfSeveralMapsFreesIsTheSystemsAgain) {
   EXPECT_LT(residentAmong(gone), gone.size() / 8);
   EXPECT_EQ(residentAmong(kept), kept.size());
   for (const auto& leaf : staying) {
-    const std::uint32_t* values = packedValues(*leaf);
+    const std::uint32_t* values = plainValues(*leaf);
     ASSERT_TRUE(std::all_of(values, values + 512, [](std::uint32_t v) { return v == 0xdeadbeefu; }));
   }
   EXPECT_EQ(addLeaves(leaving, 5000), 0u);

@@ -116,7 +116,8 @@ class VoteOracle {
       PackedMap alone(params_);
       ScanIntegrator(alone).integrate({&p, 1}, {&q_L, 1});
       for (auto leaf = alone.tree().cbeginLeaf(); leaf; ++leaf) {
-        const std::uint32_t* packed = packedValues(*leaf);
+        LeafValues::Room room;
+        const std::uint32_t* packed = LeafValues(*leaf).all(room);
         if (packed == nullptr) continue;
         auto& of_leaf = scan[{leaf->origin().x(), leaf->origin().y(), leaf->origin().z()}];
         for (std::size_t n = 0; n < 512; ++n) {
@@ -133,7 +134,8 @@ class VoteOracle {
         const openvdb::Coord ijk(origin[0] + static_cast<int>(n >> 6), origin[1] + static_cast<int>(n >> 3 & 7),
                                  origin[2] + static_cast<int>(n & 7));
         const PackedLeaf* leaf = still_.tree().probeConstLeaf(ijk);
-        const std::uint32_t* packed = leaf == nullptr ? nullptr : packedValues(*leaf);
+        LeafValues::Room room;
+        const std::uint32_t* packed = leaf == nullptr ? nullptr : LeafValues(*leaf).all(room);
         const std::uint64_t old = packed == nullptr ? 0 : packed[n], mean = meanOf(static_cast<std::uint32_t>(old));
         const bool contradicts = 2 * samples[n].sum < mean * samples[n].count;
         const bool free = weightOf(static_cast<std::uint32_t>(old)) > 0 && mean >= still_.collisionMean();
@@ -179,7 +181,8 @@ void expectEqual(const PackedMap& map, const VoteOracle& oracle, std::size_t sca
     const Origin origin = {leaf->origin().x(), leaf->origin().y(), leaf->origin().z()};
     const PackedLeaf* still = oracle.still().tree().probeConstLeaf(leaf->origin());
     ASSERT_NE(still, nullptr);
-    const std::uint32_t *values = packedValues(*leaf), *same = packedValues(*still);
+    LeafValues::Room room, same_room;
+    const std::uint32_t *values = LeafValues(*leaf).all(room), *same = LeafValues(*still).all(same_room);
     ASSERT_EQ(values == nullptr, same == nullptr);
     if (values == nullptr) continue;
     const LeafChange facts = factsOf(map, *leaf), base = factsOf(oracle.still(), *still);

@@ -64,8 +64,8 @@ TEST(PackedMap, LeavesCostWhatTheyAreSaidToCost) {
     leaves.push_back(std::make_unique<PackedLeaf>(openvdb::PartialCreate(), openvdb::Coord(8 * n, 0, 0)));
     leaves.back()->buffer().allocate();
     if (n == 0) continue;
-    const auto* before = reinterpret_cast<const std::byte*>(packedValues(*leaves[static_cast<std::size_t>(n) - 1]));
-    const auto* here = reinterpret_cast<const std::byte*>(packedValues(*leaves[static_cast<std::size_t>(n)]));
+    const auto* before = reinterpret_cast<const std::byte*>(plainValues(*leaves[static_cast<std::size_t>(n) - 1]));
+    const auto* here = reinterpret_cast<const std::byte*>(plainValues(*leaves[static_cast<std::size_t>(n)]));
     gapless += here - before == static_cast<std::ptrdiff_t>(kObservedLeafBytes - kClearedLeafBytes) ? 1u : 0u;
   }
   EXPECT_GE(gapless, 98u);
@@ -83,7 +83,8 @@ TEST(PackedMap, LookingForALeafAllocatesNothing) {
   std::uint64_t buffers = 0, leaves = 0, observed = 0;
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
     ++leaves;
-    const std::uint32_t* packed = packedValues(*leaf);
+    LeafValues::Room room;
+    const std::uint32_t* packed = LeafValues(*leaf).all(room);
     buffers += packed != nullptr ? 1u : 0u;
     for (std::size_t n = 0; packed != nullptr && n < 512; ++n) observed += weightOf(packed[n]) > 0 ? 1u : 0u;
   }

@@ -368,7 +368,8 @@ std::map<Ijk, std::vector<std::uint32_t>> contentsOf(const PackedMap& map) {
   std::map<Ijk, std::vector<std::uint32_t>> contents;
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
     auto& values = contents[{leaf->origin().x(), leaf->origin().y(), leaf->origin().z()}];
-    if (const std::uint32_t* packed = packedValues(*leaf)) values.assign(packed, packed + PackedLeaf::SIZE);
+    LeafValues::Room room;
+    if (const std::uint32_t* packed = LeafValues(*leaf).all(room)) values.assign(packed, packed + PackedLeaf::SIZE);
     for (openvdb::Index w = 0; w < 16; ++w) values.push_back(leaf->getValueMask().getWord<openvdb::Index32>(w));
   }
   return contents;
