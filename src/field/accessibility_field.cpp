@@ -298,8 +298,12 @@ std::optional<internal::FieldGpuUse> internal::FieldAccess::gpuUse(const Accessi
 }
 
 bool internal::FieldAccess::rest(AccessibilityField& field) {
-  field.impl_->map.cold().settle();
-  return field.impl_->map.cold().rest();
+  try {
+    field.impl_->map.cold().settle();
+    return field.impl_->map.cold().rest();
+  } catch (const std::bad_alloc&) {  // nothing is lost: it takes what it took
+    return false;
+  }
 }
 
 bool internal::FieldAccess::agesUntil(const AccessibilityField& field, double age_s) {
@@ -363,7 +367,8 @@ internal::FieldCounts internal::FieldAccess::counts(const AccessibilityField& fi
   field.impl_->steps.settle();
   const PackedMap& map = field.impl_->map;
   FieldCounts counts;
-  counts.distance_leaves = map.allocated_leaf_count - map.cold().leaves() + map.cold().bytes() / kObservedLeafBytes;
+  counts.distance_leaves = map.allocated_leaf_count - map.cold().leaves() +
+                           (map.cold().bytes() + map.cold().leaves() * kClearedLeafBytes) / kObservedLeafBytes;
   counts.cleared_leaves = map.leaf_count - map.allocated_leaf_count;
   counts.nodes = map.tree().nodeCount()[1];
   counts.points = field.impl_->points.size();

@@ -257,7 +257,8 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
   /// So that corrected poses tell which tiles they leave as they are.
   void noteRays(RollingTile& tile, const tiles::StepSorter::Returns& returns, const FrameStats& of_tile) const {
     const auto step = static_cast<std::uint32_t>(first_ids.size() - 1);
-    if (of_tile.left_out_returns > 0) tile.rays.reset();
+    // One that does not grow may also leave out what passes, and bands beside places that it has.
+    if (of_tile.left_out_returns > 0 || !tile.field.grows()) tile.rays.reset();
     if (tile.rays) tiles::add(*tile.rays, tiles::digestOfBlock(step, returns.p_L, returns.q_L, returns.attributes));
   }
   void noteFused(const TileIndex& id, RollingTile& tile, const internal::GatedScan& scan, const FrameStats& of_tile,

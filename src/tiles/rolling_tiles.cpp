@@ -314,7 +314,7 @@ RollingTile RollingTiles::load(const TileIndex& id, std::optional<RollingTile> t
     tile->field.leaveOut(centres_W, edge_m);  // more than half a diagonal
   }
   advanceTime(*tile, updated_at_);
-  if (stored.owed && stored.updated) tile->rays.reset();  // as RollingField::update()
+  if (stored.updated && (stored.owed || tile->behind)) tile->rays.reset();  // as RollingField::update()
   if (stored.owed || stored.updated) {
     tile->field.update();
     tile->updated = true;

@@ -44,7 +44,13 @@ void ColdLeaves::settle() {
   wait();
   stops_ = false;
   if (candidates_.empty()) return;
-  std::vector<void*> buffers(candidates_.size(), nullptr);
+  std::vector<void*> buffers;
+  try {
+    buffers.assign(candidates_.size(), nullptr);
+    buffers_.reserve(buffers_.size() + buffers.size());
+  } catch (const std::bad_alloc&) {  // the next time
+    return;
+  }
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, candidates_.size(), 1024), [&](const auto& range) {
     std::uint64_t leaves = 0, bytes = 0;
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
@@ -169,6 +175,7 @@ void ColdLeaves::chooseCandidates() {
     cold_.pop_front();
     Node& found = nodes_.at(node);
     if (!found.is_warm || !found.isColdAt(scan_)) continue;
+    candidates_.reserve(candidates_.size() + found.plain.size());  // all or none: no leaf may be listed twice
     for (PackedLeaf* leaf : found.plain) candidates_.push_back({{node, leaf}});
     found.plain = {};
     found.is_warm = false;

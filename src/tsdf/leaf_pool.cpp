@@ -78,6 +78,7 @@ struct ChunkStore {
   std::atomic<std::size_t> reserves = 0;  ///< number of existing LeafReserves: of maps
   std::uint64_t taken = 0;                ///< chunks taken by threads so far, ready or not
   std::vector<void*> recycled;            ///< buffers of leaves that became compact, zero again
+  std::atomic<bool> hands_on = false;     ///< some were recycled
   std::size_t most_recycled = 0;          ///< so many may wait: nobody counts them
   std::uint64_t reused = 0;               ///< taken by threads so far
 };
@@ -188,7 +189,9 @@ void* PackedVoxel::operator new[](std::size_t bytes) {
 void PackedVoxel::operator delete[](void* buffer) noexcept {
   if (buffer == nullptr) return;
   if (CompactLeaf::isAt(buffer)) return CompactLeaf::free(CompactLeaf::at(buffer));
-  freeBuffer(buffer, chunkStore().reserves.load(std::memory_order_relaxed) >= 2);
+  // Where buffers were handed on, those of a thread or of another map hold a chunk.
+  freeBuffer(buffer, chunkStore().reserves.load(std::memory_order_relaxed) >= 2 ||
+                         chunkStore().hands_on.load(std::memory_order_relaxed));
 }
 void PackedVoxel::recycle(std::span<void* const> buffers) noexcept {
   for (void* buffer : buffers) std::memset(buffer, 0, kBufferBytes);
@@ -196,6 +199,7 @@ void PackedVoxel::recycle(std::span<void* const> buffers) noexcept {
   std::size_t kept = 0;
   try {
     const std::lock_guard lock(ready.mutex);
+    ready.hands_on = true;
     kept = std::min(buffers.size(), ready.most_recycled - std::min(ready.most_recycled, ready.recycled.size()));
     ready.recycled.insert(ready.recycled.end(), buffers.begin(), buffers.begin() + static_cast<std::ptrdiff_t>(kept));
   } catch (const std::bad_alloc&) {
@@ -217,10 +221,16 @@ LeafReserve::~LeafReserve() noexcept {
   wait();
   ChunkStore& ready = chunkStore();
   std::vector<ChunkHeader*> unused;
+  std::vector<void*> recycled;
   {
     const std::lock_guard lock(ready.mutex);
-    if (--ready.reserves == 0) unused.swap(ready.chunks);
+    if (--ready.reserves == 0) {
+      unused.swap(ready.chunks);
+      recycled.swap(ready.recycled);
+      ready.most_recycled = 0;
+    }
   }
+  for (void* buffer : recycled) freeBuffer(buffer, true);
   for (ChunkHeader* chunk : unused) release(chunk, kBuffersPerChunk);
 }
 

@@ -11,6 +11,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <new>
 #include <utility>
 
 #include "tsdf/bucket_fusion.h"
@@ -119,7 +120,6 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
       map_.leftOut().set(origin, voxels);
     }
   }
-  noteTouched(buckets);
   for (const auto& changes : changes_) {
     if (!changes.facts.empty()) result.changes.emplace_back(changes.facts);
     if (!changes.distances.empty()) result.distances.emplace_back(changes.distances);
@@ -128,6 +128,10 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   map_.observed_voxels += result.counts.newly_observed;
   if (projective_) integrateProjected(p_L, q_L[0], frame, result);
   reserve_.refill();
+  try {
+    noteTouched(buckets);
+  } catch (const std::bad_alloc&) {  // they stay plain; the scan is taken
+  }
   return result;
 }
 
