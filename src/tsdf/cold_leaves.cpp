@@ -6,6 +6,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <new>
 #include <thread>
@@ -32,7 +33,7 @@ ColdLeaves::~ColdLeaves() {
   wait();
   for (const Candidate& candidate : candidates_)
     if (candidate.block != nullptr) CompactLeaf::free(candidate.block);
-  PackedVoxel::recycle(buffers_);
+  recycleBuffers();
 }
 
 void ColdLeaves::wait() {
@@ -43,14 +44,6 @@ void ColdLeaves::settle() {
   stops_ = true;
   wait();
   stops_ = false;
-  if (candidates_.empty()) return;
-  std::vector<void*> buffers;
-  try {
-    buffers.assign(candidates_.size(), nullptr);
-    buffers_.reserve(buffers_.size() + buffers.size());
-  } catch (const std::bad_alloc&) {  // the next time
-    return;
-  }
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, candidates_.size(), 1024), [&](const auto& range) {
     std::uint64_t leaves = 0, bytes = 0;
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
@@ -58,14 +51,11 @@ void ColdLeaves::settle() {
       if (candidate.block == nullptr) continue;
       ++leaves;
       bytes += candidate.block->bytes;
-      buffers[n] = putCompact(*candidate.leaf.leaf, std::exchange(candidate.block, nullptr));
+      candidate.buffer = putCompact(*candidate.leaf.leaf, std::exchange(candidate.block, nullptr));
     }
     leaves_ += leaves;
     bytes_ += bytes;
   });
-  std::erase(buffers, nullptr);
-  buffers_.insert(buffers_.end(), buffers.begin(), buffers.end());
-  std::erase_if(candidates_, [](const Candidate& candidate) { return candidate.seen; });
 }
 
 void ColdLeaves::noteScan(std::vector<const PackedLowerNode*> touched, std::vector<PlainLeaf> plain) {
@@ -74,7 +64,7 @@ void ColdLeaves::noteScan(std::vector<const PackedLowerNode*> touched, std::vect
 }
 
 bool ColdLeaves::rest() {
-  if (warm_ == 0 && noted_.empty() && candidates_.empty() && buffers_.empty()) return false;
+  if (warm_ == 0 && noted_.empty() && candidates_.empty()) return false;
   noted_.emplace_back();
   begin();
   return true;
@@ -106,19 +96,29 @@ void ColdLeaves::begin() {
     } catch (const std::bad_alloc&) {  // as in work()
     }
   }
-  if (noted_.empty() && cold_.empty() && candidates_.empty() && buffers_.empty()) return;
+  if (noted_.empty() && cold_.empty() && candidates_.empty()) return;
   arena_.enqueue(group_.defer([this] { work(); }));
 }
 
 void ColdLeaves::work() {
   try {
-    PackedVoxel::recycle(buffers_);
-    buffers_.clear();
+    recycleBuffers();
     fileNoted();
     chooseCandidates();
     makeBlocks();
   } catch (const std::bad_alloc&) {  // they stay plain; whoever needs memory reports it
   }
+}
+
+void ColdLeaves::recycleBuffers() noexcept {
+  std::array<void*, 256> buffers;
+  std::size_t count = 0;
+  for (Candidate& candidate : candidates_) {
+    if (candidate.buffer == nullptr) continue;
+    buffers[count++] = std::exchange(candidate.buffer, nullptr);
+    if (count == buffers.size()) PackedVoxel::recycle({buffers.data(), std::exchange(count, 0)});
+  }
+  PackedVoxel::recycle({buffers.data(), count});
 }
 
 ColdLeaves::Node& ColdLeaves::warm(const PackedLowerNode* node) {
@@ -165,6 +165,7 @@ void ColdLeaves::chooseCandidates() {
   // Of those that were not come to, a scan may have touched some.
   const PackedLowerNode* last = nullptr;
   for (const auto& candidate : std::exchange(candidates_, {})) {
+    if (candidate.seen) continue;
     Node& node = warm(candidate.leaf.node);
     node.plain.push_back(candidate.leaf.leaf);
     if (candidate.leaf.node != std::exchange(last, candidate.leaf.node) && node.isColdAt(scan_))

@@ -44,12 +44,13 @@ class ColdLeaves {
   void settle();
   /// After a scan. @param touched  nodes that it came near  @param plain  leaves that it gave values, or made plain
   void noteScan(std::vector<const PackedLowerNode*> touched, std::vector<PlainLeaf> plain);
-  /// Waits for what is done beside. For tests: settle() does not.
-  void wait();
   /// The same after settle(), for a scan elsewhere. @return whether leaves may become compact
   bool rest();
   /// After settle(), between scans: a leaf is plain now.
   void notePlain(const PlainLeaf& plain);
+  // For tests.
+  /// Waits for the end of what is done beside: settle() breaks it off.
+  void wait();
   /// Makes all leaves compact that are worth it.
   void makeAllCompact();
 
@@ -70,8 +71,9 @@ class ColdLeaves {
   };
   struct Candidate {
     PlainLeaf leaf;
-    const CompactLeaf* block = nullptr;  ///< once it is made
-    bool seen = false;
+    const CompactLeaf* block = nullptr;  ///< from when it is made to settle()
+    void* buffer = nullptr;              ///< plain one, from settle() to the next work()
+    bool seen = false;                   ///< compact, or not worth it
   };
   struct Scan {
     std::vector<const PackedLowerNode*> touched;
@@ -79,6 +81,7 @@ class ColdLeaves {
   };
   void begin();
   void work();
+  void recycleBuffers() noexcept;
   Node& warm(const PackedLowerNode* node);
   void fileNoted();
   void file(const Scan& scan);
@@ -93,7 +96,6 @@ class ColdLeaves {
   std::deque<const PackedLowerNode*> cold_;                  ///< unless they were touched since
   std::size_t warm_ = 0;                                     ///< nodes that may become cold
   std::vector<Candidate> candidates_;
-  std::vector<void*> buffers_;  ///< of leaves that are compact now
   std::atomic<bool> stops_ = false;
   std::atomic<std::uint64_t> leaves_ = 0, bytes_ = 0;  ///< compact
   tbb::task_arena arena_;

@@ -208,7 +208,7 @@ void PackedVoxel::recycle(std::span<void* const> buffers) noexcept {
   for (void* buffer : buffers.subspan(kept)) freeBuffer(buffer, true);
 }
 
-bool newPackedVoxelsAreZero() { return true; }  // no buffer is handed out twice
+bool newPackedVoxelsAreZero() { return true; }  // what recycle() hands on is zeroed there
 
 LeafReserve::LeafReserve() : arena_(1, 0) {
   ChunkStore& ready = chunkStore();

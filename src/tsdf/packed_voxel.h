@@ -39,7 +39,8 @@ struct PackedVoxel {
 };
 static_assert(sizeof(PackedVoxel) == sizeof(std::uint32_t));
 
-/// Whether new PackedVoxel[512] is already zero: fresh pages are, and every buffer is cut from unused ones.
+/// Whether new PackedVoxel[512] is already zero: fresh pages are, and every buffer is cut from unused ones,
+/// or was zeroed when a leaf gave it back.
 /// Writing zeros again would fetch 2 KB although a scan needs only a few lines.
 [[nodiscard]] bool newPackedVoxelsAreZero();
 
