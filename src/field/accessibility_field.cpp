@@ -246,8 +246,13 @@ MemoryUse AccessibilityField::memoryUse() const {
 }
 
 void AccessibilityField::saveState(const std::filesystem::path& file) const {
-  impl_->steps.requireWhole();
-  impl_->arena.execute([&] { internal::saveState(*impl_, file); });
+  internal::FieldAccess::saveState(*this, file, io::writeFileDurably);
+}
+
+void internal::FieldAccess::saveState(const AccessibilityField& field, const std::filesystem::path& file,
+                                      io::WriteFile write) {
+  field.impl_->steps.requireWhole();
+  field.impl_->arena.execute([&] { internal::saveState(*field.impl_, file, write); });
 }
 
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, const ToolGeometry& tool,

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <limits>
 #include <optional>
@@ -14,6 +15,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/what_if.h"
 #include "change/gone_cells.h"
+#include "io/streams/whole_file.h"
 #include "tsdf/removed_voxels.h"
 
 namespace accessvdb::internal {
@@ -57,6 +59,8 @@ struct FieldAccess {
   static void visitGoneCells(AccessibilityField& field, const std::function<void(GoneCells& cells)>& visit);
   /// Of a field that a step did not touch. @return whether it may take less memory now
   static bool rest(AccessibilityField& field);
+  /// AccessibilityField::saveState(). @param write  makes the file
+  static void saveState(const AccessibilityField& field, const std::filesystem::path& file, io::WriteFile write);
   /// Whether advanceTime() to this age may change anything.
   [[nodiscard]] static bool agesUntil(const AccessibilityField& field, double age_s);
   /// Of a tile: brings its time to that of the larger map (frame_loop.h).

@@ -52,9 +52,14 @@ void Mirrors::takeFacts(std::span<const std::span<const LeafChange>> facts, Fram
   stats.mirror_ms = mirroring.milliseconds();
 }
 
-void Mirrors::take(std::span<const LeafChange> facts, std::span<const DistanceChange> distances) {
+void Mirrors::take(std::span<const LeafChange> facts, std::span<const PackedLeaf* const> leaves) {
   facts_.apply(facts);
-  if (distances_) distances_->apply(distances);
+  if (!distances_) return;
+  std::vector<DistanceChange> distances;
+  const auto rooms = std::make_unique_for_overwrite<LeafValues::Room[]>(leaves.size());
+  for (const PackedLeaf* leaf : leaves)
+    if (LeafValues(*leaf)) distances.push_back(distancesOf(map_, *leaf, rooms[distances.size()]));
+  distances_->apply(distances);
 }
 
 void Mirrors::takeRemoved(std::span<const LeafChange> facts, bool distances_too) {

@@ -49,8 +49,8 @@ class Mirrors {
   void take(const MapChangesOfScan& changes, FrameStats& stats);
   /// What changed without a scan. @param stats  as above
   void takeFacts(std::span<const std::span<const LeafChange>> facts, FrameStats& stats);
-  /// Leaves of a saved map, or what was left out of one.
-  void take(std::span<const LeafChange> facts, std::span<const DistanceChange> distances);
+  /// Leaves of a saved map, or what was left out of one. @param leaves  of the map, maybe without distances
+  void take(std::span<const LeafChange> facts, std::span<const PackedLeaf* const> leaves);
   /// After a removal, which may also have taken distances away. That mirror cannot, so it is made again.
   void takeRemoved(std::span<const LeafChange> facts, bool distances_too);
 

@@ -129,9 +129,10 @@ void RollingTiles::beginSaving(const TileIndex& id, RollingTile& tile, std::uint
   tile.saving.emplace(RollingTile::Saving{std::move(stored), sha256, std::move(work), step});
 }
 
-void RollingTiles::endSaving(const TileIndex&, RollingTile& tile) {
+void RollingTiles::endSaving(const TileIndex& id, RollingTile& tile) {
   if (!tile.saving) return;
   if (disk_.finish(tile.saving->work)) {
+    written_[*tile.saving->stored.serial] = id;
     tile.saving->stored.files_sha256 = *tile.saving->files_sha256;
     tile.as_saved = std::move(tile.saving->stored);
   }

@@ -12,9 +12,11 @@
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
+#include "field/field_access.h"
 #include "field/state/state_writer.h"
 #include "io/streams/input_file.h"
 #include "io/streams/sha256.h"
+#include "io/streams/whole_file.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -46,8 +48,8 @@ RollingFiles::RollingFiles(const fs::path& folder, const TileIndex& tile, std::u
 
 std::string RollingFiles::write(const AccessibilityField& field, const std::vector<std::uint32_t>& point_ids) const {
   try {
-    field.saveState(state);
-    io::writeFileDurably(ids, [&](std::ostream& stream) {
+    internal::FieldAccess::saveState(field, state, io::writeFileWhole);
+    io::writeFileWhole(ids, [&](std::ostream& stream) {
       stream.write(kIdsMagic.data(), kIdsMagic.size());
       stream.write(reinterpret_cast<const char*>(point_ids.data()),
                    static_cast<std::streamsize>(point_ids.size() * sizeof point_ids[0]));
@@ -77,6 +79,11 @@ std::vector<std::uint32_t> RollingFiles::readIds(std::size_t count, const std::s
 void RollingFiles::requireWritten(const internal::StateReader& read, const std::string& sha256) const {
   if (sha256.ends_with(kBetweenHashes + headOf(read))) return;
   throw InputError("state.damaged", state.string(), "is not the one that was written", "Restore it");
+}
+
+void RollingFiles::bringToDisk() const {
+  io::bringToDisk(state);
+  io::bringToDisk(ids);
 }
 
 void RollingFiles::remove() const noexcept {

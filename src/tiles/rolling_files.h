@@ -17,8 +17,10 @@ namespace accessvdb::tiles {
 
 struct RollingFiles {
   RollingFiles(const std::filesystem::path& folder, const TileIndex& tile, std::uint64_t serial);
-  /// Both, whole, or none. @return a hash of both  @throws OutputError
+  /// Both, whole, or none; on the disk for good after bringToDisk(). @return a hash of both  @throws OutputError
   [[nodiscard]] std::string write(const AccessibilityField& field, const std::vector<std::uint32_t>& point_ids) const;
+  /// @throws OutputError
+  void bringToDisk() const;
   /// @param sha256  write()  @throws InputError "state.damaged"; another one if the file cannot be read
   [[nodiscard]] std::vector<std::uint32_t> readIds(std::size_t count, const std::string& sha256) const;
   /// That the state is the one that was written, and not one of another moment. @throws InputError "state.damaged"

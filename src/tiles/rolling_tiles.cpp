@@ -193,6 +193,7 @@ void RollingTiles::save(const TileIndex& id, RollingTile& tile) {
   if (!tile.as_saved) {
     StoredTile stored = describe(tile);
     stored.files_sha256 = filesOf(id, *stored.serial).write(tile.field, tile.ids);
+    written_[*stored.serial] = id;
     tile.as_saved = std::move(stored);
   }
   ++saved_;
@@ -210,7 +211,9 @@ void RollingTiles::removeLater(const TileIndex& id, std::uint64_t serial) {
 }
 
 void RollingTiles::removeUnlessKept(const TileIndex& id, std::uint64_t serial) {
-  if (!kept_.contains(serial) && !named_.contains(serial)) removeLater(id, serial);
+  if (kept_.contains(serial) || named_.contains(serial)) return;
+  written_.erase(serial);
+  removeLater(id, serial);
 }
 
 double RollingTiles::cellEdge_m() const { return tile_voxels_ * params_.tsdf.voxel_size_m / kCellsOfEdge; }
@@ -421,6 +424,9 @@ Json RollingTiles::saveAll() {
     add(id, *tile->as_saved);
   }
   for (const auto& [id, stored] : stored_) add(id, stored);
+  // Nobody waited for the disk before: a process that is killed takes nothing away that it has written.
+  for (; !written_.empty(); written_.erase(written_.begin()))
+    filesOf(written_.begin()->second, written_.begin()->first).bringToDisk();
   return tiles;
 }
 

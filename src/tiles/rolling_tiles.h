@@ -271,6 +271,7 @@ class RollingTiles {
   TileBytes empty_;                           ///< of a tile without returns, once one was made
   std::map<std::uint64_t, TileIndex> kept_;   ///< serials that the last result of saveAll() to be kept named
   std::map<std::uint64_t, TileIndex> named_;  ///< by saveAll(), until it is known whether its result is kept
+  std::map<std::uint64_t, TileIndex> written_;  ///< serials whose files are not on the disk for good
   std::uint64_t serial_ = 0, saved_ = 0, loaded_ = 0, saved_ahead_ = 0, loaded_ahead_ = 0;
   std::vector<std::string> lost_;
   std::uint64_t step_ = 0;                     ///< the last that said what it expects

@@ -32,6 +32,44 @@ void* exchangeBuffer(PackedLeaf& leaf, void* buffer) {
 
 void CompactLeaf::free(const CompactLeaf* block) noexcept { std::free(const_cast<CompactLeaf*>(block)); }
 
+CompactLeaf CompactLeaf::headOf(const std::uint32_t* values) {
+  CompactLeaf head = {};
+  std::uint32_t least = kWeightMask, most = 0;
+  for (std::size_t word = 0; word < 8; ++word) {
+    std::uint64_t bits = 0;
+    for (std::size_t n = 0; n < 64; ++n) {
+      const std::uint32_t weight = weightOf(values[64 * word + n]);
+      bits |= std::uint64_t{weight != 0 ? 1U : 0U} << n;
+      most = std::max(most, weight);
+      least = std::min(least, weight == 0 ? kWeightMask : weight);
+    }
+    head.observed[word] = bits;
+  }
+  head.countVoxels();
+  head.base_weight = most == 0 ? 0 : least;
+  head.voxel_bytes = most <= head.base_weight + kMostAdded ? 3 : 4;
+  return head;
+}
+
+void CompactLeaf::countVoxels() {
+  std::size_t count = 0;
+  for (std::size_t word = 0; word < 8; ++word) {
+    first[word] = static_cast<std::uint16_t>(count);
+    count += static_cast<std::size_t>(std::popcount(observed[word]));
+  }
+}
+
+void CompactLeaf::packVoxels(const std::uint32_t* values, std::byte* to) const {
+  for (std::size_t word = 0; word < 8; ++word) {
+    for (std::uint64_t bits = observed[word]; bits != 0; bits &= bits - 1) {
+      std::uint32_t voxel = values[64 * word + static_cast<std::size_t>(std::countr_zero(bits))];
+      if (voxel_bytes == 3) voxel = meanOf(voxel) << 4 | (weightOf(voxel) - base_weight);
+      std::memcpy(to, &voxel, voxel_bytes);
+      to += voxel_bytes;
+    }
+  }
+}
+
 void CompactLeaf::writeTo(std::uint32_t* values) const {
   std::size_t rank = 0;
   for (std::size_t word = 0; word < 8; ++word) {
@@ -48,38 +86,14 @@ void allocateZeroed(PackedLeaf& leaf) {
 }
 
 const CompactLeaf* makeCompact(const std::uint32_t* values) {
-  CompactLeaf head = {};
-  std::uint32_t least = kWeightMask, most = 0;
-  std::size_t count = 0;
-  for (std::size_t word = 0; word < 8; ++word) {
-    head.first[word] = static_cast<std::uint16_t>(count);
-    std::uint64_t bits = 0;
-    for (std::size_t n = 0; n < 64; ++n) {
-      const std::uint32_t weight = weightOf(values[64 * word + n]);
-      bits |= std::uint64_t{weight != 0 ? 1U : 0U} << n;
-      most = std::max(most, weight);
-      least = std::min(least, weight == 0 ? kWeightMask : weight);
-    }
-    head.observed[word] = bits;
-    count += static_cast<std::size_t>(std::popcount(bits));
-  }
-  head.base_weight = most == 0 ? 0 : least;
-  head.voxel_bytes = most <= head.base_weight + kMostAdded ? 3 : 4;
-  const std::size_t bytes = sizeof head + count * head.voxel_bytes + 1;  // voxel() reads four bytes
+  CompactLeaf head = CompactLeaf::headOf(values);
+  const std::size_t bytes = sizeof head + head.voxelsBytes() + 1;  // voxel() reads four bytes
   if (bytes > kMostBytes) return nullptr;
   void* block = std::malloc(bytes);
   if (block == nullptr) throw std::bad_alloc();
   head.bytes = static_cast<std::uint32_t>((bytes + sizeof(void*) + 15) / 16 * 16);
   auto* made = new (block) CompactLeaf(head);
-  auto* to = reinterpret_cast<std::byte*>(made + 1);
-  for (std::size_t word = 0; word < 8; ++word) {
-    for (std::uint64_t bits = head.observed[word]; bits != 0; bits &= bits - 1) {
-      std::uint32_t voxel = values[64 * word + static_cast<std::size_t>(std::countr_zero(bits))];
-      if (head.voxel_bytes == 3) voxel = meanOf(voxel) << 4 | (weightOf(voxel) - head.base_weight);
-      std::memcpy(to, &voxel, head.voxel_bytes);
-      to += head.voxel_bytes;
-    }
-  }
+  head.packVoxels(values, reinterpret_cast<std::byte*>(made + 1));
   return made;
 }
 

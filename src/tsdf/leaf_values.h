@@ -29,6 +29,17 @@ struct CompactLeaf {
   std::uint32_t base_weight;  ///< that 24-bit voxels add theirs to
   std::uint32_t voxel_bytes;  ///< 3 or 4
 
+  /// Of these values, but without room for voxels. @param values  [512]
+  [[nodiscard]] static CompactLeaf headOf(const std::uint32_t* values);
+  /// With what a head says of itself, for voxels from elsewhere.
+  void countVoxels();
+  [[nodiscard]] std::size_t voxelCount() const {
+    return first[7] + static_cast<std::size_t>(std::popcount(observed[7]));
+  }
+  [[nodiscard]] std::size_t voxelsBytes() const { return voxelCount() * voxel_bytes; }
+  /// Writes voxelsBytes() bytes. @param values  that the head is of
+  void packVoxels(const std::uint32_t* values, std::byte* to) const;
+
   [[nodiscard]] const std::byte* voxels() const { return reinterpret_cast<const std::byte*>(this + 1); }
   /// @param rank  among the observed voxels
   [[nodiscard]] std::uint32_t voxel(std::size_t rank) const {
@@ -88,6 +99,8 @@ class LeafValues {
     compact_->writeTo(room);
     return room;
   }
+  /// nullptr if the leaf is not so.
+  [[nodiscard]] const std::uint32_t* plain() const { return plain_; }
   [[nodiscard]] const CompactLeaf* compact() const { return compact_; }
 
  private:

@@ -9,6 +9,7 @@
 #include <random>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/error.h"
@@ -105,6 +106,36 @@ class DamagedState : public testing::Test {
       const std::vector<char> bytes = internal::bytesOf(*head);
       content.assign(bytes.begin(), bytes.end());
     });
+  }
+
+  /// Of the leaves' section. @return where a leaf begins
+  static std::size_t leafAt(const std::string& content, std::size_t leaf) {
+    std::size_t at = 0;
+    for (; leaf > 0; --leaf) {
+      std::uint32_t has = 0;
+      std::memcpy(&has, content.data() + at + 12, 4);
+      at += internal::kLeafBytes;
+      if ((has & internal::kHasValues) != 0) at += valuesAt(content, at).second;
+      if ((has & internal::kHasVotes) != 0) at += internal::kLeafVoteBytes;
+    }
+    return at;
+  }
+  /// @return of values that a leaf has there: all, and how many bytes they take
+  static std::pair<std::vector<std::uint32_t>, std::size_t> valuesAt(const std::string& content, std::size_t at) {
+    std::uint64_t observed[8];
+    std::uint32_t numbers[2];
+    std::memcpy(observed, content.data() + at, sizeof observed);
+    std::memcpy(numbers, content.data() + at + sizeof observed, sizeof numbers);
+    const auto [base_weight, voxel_bytes] = numbers;
+    std::vector<std::uint32_t> values(512);
+    std::size_t next = at + sizeof observed + sizeof numbers;
+    for (std::size_t n = 0; n < values.size(); ++n) {
+      if ((observed[n / 64] >> n % 64 & 1) == 0) continue;
+      std::memcpy(&values[n], content.data() + next, voxel_bytes);
+      if (voxel_bytes == 3) values[n] = values[n] / 16 << 12 | (base_weight + values[n] % 16);
+      next += voxel_bytes;
+    }
+    return {values, next - at};
   }
 
   ScratchFolder folder_;
@@ -286,11 +317,16 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
   };
   const std::string leaf_again = rehashed([](const std::string& name, std::string& content) {
     if (name != "leaves") return;  // the origin of the first leaf once more, where the second one begins
-    std::uint32_t values = 0;
-    std::memcpy(&values, content.data() + 12, 4);
-    const std::size_t second = 80 + (values == 1 ? 2048u : 0u);
-    std::memcpy(content.data() + second, content.data(), 12);
+    std::memcpy(content.data() + leafAt(content, 1), content.data(), 12);
   });
+  std::size_t first_values = 0;
+  static_cast<void>(rehashed([&](const std::string& name, const std::string& content) {
+    if (name != "leaves") return;
+    for (std::size_t leaf = 0; first_values == 0; ++leaf) {
+      const std::size_t leaf_at = leafAt(content, leaf);
+      if (content[leaf_at + 12] == 1) first_values = leaf_at + internal::kLeafBytes;
+    }
+  }));
   const std::size_t point_bytes = 12 + 48 + 4 + 36;
   const std::string point_again = rehashed([&](const std::string& name, std::string& content) {
     if (name == "points") std::memcpy(content.data() + point_bytes, content.data(), 12);
@@ -319,6 +355,14 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
       at("leaves", 0, std::int32_t{3}),
       at("leaves", 0, std::int32_t{1 << 30}),
       at("leaves", 12, std::uint32_t{2}),
+      at("leaves", first_values + 64, std::uint32_t{0}),  // another least weight
+      at("leaves", first_values + 64, ~std::uint32_t{0}),
+      at("leaves", first_values + 68, std::uint32_t{4}),  // bytes of a voxel
+      at("leaves", first_values + 68, std::uint32_t{0}),
+      at("leaves", first_values, ~std::uint64_t{0}),  // more voxels than there are
+      withHead([](internal::StateHead& head) { head.voxel_bytes += 3; }),
+      withHead([](internal::StateHead& head) { head.voxel_bytes = std::uint64_t{1} << 62; }),
+      withHead([](internal::StateHead& head) { head.schema -= internal::kCompactSchema; }),
       at("poses", 0, nan),
       at("points", 0, nan),
       at("points", 4, 1e9f),
@@ -348,6 +392,38 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
 }
 
 /// An age at which doubles no longer tell a tenth of a second from none: space would stay free for ever.
+/// As versions wrote it that had every voxel of a leaf.
+TEST_F(DamagedScoredState, IsNotOneThatHasEveryVoxel) {
+  const std::string older = rehashed([&](const std::string& name, std::string& content) {
+    if (name == "head") {
+      internal::StateHead head = *internal::headFrom({content.begin(), content.end()});
+      EXPECT_EQ(head.schema, 186U);
+      head.schema = 26;
+      const std::vector<char> bytes = internal::bytesOf(head);
+      EXPECT_EQ(bytes.size() + 24, content.size());
+      content.assign(bytes.begin(), bytes.end());
+    } else if (name == "leaves") {
+      std::string all;
+      for (std::size_t at = 0; at < content.size(); at = leafAt(content.substr(at), 1) + at) {
+        all += content.substr(at, internal::kLeafBytes);
+        std::uint32_t has = 0;
+        std::memcpy(&has, content.data() + at + 12, 4);
+        if ((has & internal::kHasValues) == 0) continue;
+        const auto [values, bytes] = valuesAt(content, at + internal::kLeafBytes);
+        all.append(reinterpret_cast<const char*>(values.data()), internal::kPlainValuesBytes);
+        if ((has & internal::kHasVotes) != 0)
+          all += content.substr(at + internal::kLeafBytes + bytes, internal::kLeafVoteBytes);
+      }
+      content = all;
+    }
+  });
+  EXPECT_GT(older.size(), good_.size());
+  writeBytes(file(), older);
+  AccessibilityField field = AccessibilityField::loadState(file(), pen(), BackendKind::Cpu, 1);
+  field.saveState(file());
+  EXPECT_EQ(bytesOf(file()), good_);
+}
+
 TEST_F(DamagedState, IsRefusedIfItIsOlderThanScansCanMakeIt) {
   const auto read = [&](double age_s, double free_for_s) {
     const Place place = placeOf("head");

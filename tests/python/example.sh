@@ -24,3 +24,12 @@ for file in labels.png field.vdb field_points.vdb points.ply; do [[ -s $out/corn
   --quiet --out "$out/program"
 rows() { LC_ALL=C sed '1,/^end_header$/d' "$1"; }
 cmp <(rows "$out/files/points.ply") <(rows "$out/program/points.ply")
+
+# The one of a flight: its second run goes on, and both together have the labels of one run.
+fly() { "$PYTHON" -W error "$SOURCE/examples/python/rolling.py" --memory-mb "$3" --folder "$out/$1" --metres "$2" --out "$out/$1$2"; }
+fly flight 20 150 | grep -x 'begins'
+fly flight 40 150 | tee "$out/flight.txt"
+grep -qx 'goes on after scan 40' "$out/flight.txt"
+fly whole 40 4000 | tee "$out/whole.txt"
+grep -qE "'accessible': [1-9][0-9]{4}" "$out/whole.txt"
+cmp <(grep '^{' "$out/flight.txt") <(grep '^{' "$out/whole.txt")

@@ -167,7 +167,12 @@ class Stub(unittest.TestCase):
             os.environ["MYPYPATH"] = str(STUB.parents[1])
             command = [mypy, "--strict", "--cache-dir", folder]
             good = subprocess.run(
-                [*command, str(STUB), str(source / "examples/python/map_a_corner.py"), str(STUB.with_name("tiles.py"))],
+                [
+                    *command,
+                    str(STUB),
+                    *(str(source / "examples/python" / name) for name in ("map_a_corner.py", "rolling.py")),
+                    str(STUB.with_name("tiles.py")),
+                ],
                 capture_output=True,
                 text=True,
             )

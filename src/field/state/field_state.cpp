@@ -57,17 +57,17 @@ bool restoreLabels(FieldStages& field, StateReader& state) {
 
 }  // namespace
 
-void saveState(const FieldStages& field, const std::filesystem::path& file) {
+void saveState(const FieldStages& field, const std::filesystem::path& file, io::WriteFile write) {
   StateInputs parts = {field.map, field.tools.stores(), {}, field.left_out_points, currentScorers(field)};
   if (field.gone_cells) parts.gone = GoneState{field.gone_cells.get(), &field.gone_points};
-  writeState(file, headOf(field), parts);
+  writeState(file, headOf(field), parts, write);
 }
 
 void restoreState(FieldStages& field, StateReader& state) {
   const StateHead& head = state.head();
   if (head.origin_W) field.gate.restoreOrigin(*head.origin_W);
   state.readInto(field.map, field.tools.stores(),
-                 [&](auto facts, auto distances) { field.mirrors.take(facts, distances); });
+                 [&](auto facts, auto leaves) { field.mirrors.take(facts, leaves); });
   if (field.gone_cells) state.readGone(*field.gone_cells, field.gone_points);
   field.left_out.restore(state, field.mirrors);
   const bool scored = restoreLabels(field, state);

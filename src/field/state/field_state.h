@@ -7,11 +7,12 @@
 
 #include "field/field_stages.h"
 #include "field/state/state_reader.h"
+#include "io/streams/whole_file.h"
 
 namespace accessvdb::internal {
 
-/// @throws OutputError, InvalidArgument "usage.checkpoint"
-void saveState(const FieldStages& field, const std::filesystem::path& file);
+/// @param write  makes the file  @throws OutputError, InvalidArgument "usage.checkpoint"
+void saveState(const FieldStages& field, const std::filesystem::path& file, io::WriteFile write);
 /// Only for a new field. @throws InputError "state.damaged"; then the field is of no use any more
 void restoreState(FieldStages& field, StateReader& state);
 

@@ -217,10 +217,11 @@ void visitRest(Code& code, Head& head) {
   if (isCarryingSchema(head.schema)) visitCarried(code, head);
   if (isScoredSchema(head.schema)) code(head.scored_words);
   if (isSpacedSchema(head.schema)) code(head.params.scoring.point_spacing_m);
+  if (isCompactSchema(head.schema)) code(head.voxel_bytes);
 }
 
 bool isPlausible(const StateHead& head) {
-  if (head.schema != stateSchemaOf(head.params, head.isScored())) return false;
+  if (uncompactSchema(head.schema) != uncompactSchema(stateSchemaOf(head.params, head.isScored()))) return false;
   if (head.isScored() && (!head.updated || head.scored_words > kMostTools * kernels::kMostWideDirections / 64))
     return false;
   if (head.tool_sha256.starts_with(kToolListMark) != (head.tools.size() > 1)) return false;

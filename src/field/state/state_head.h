@@ -27,10 +27,16 @@ inline constexpr std::uint32_t kScoredSchema = 20;
 inline constexpr std::uint32_t kCarryingSchema = 40;
 /// Added to any of these for fields that score one point of each cell, whose states hold its edge, too.
 inline constexpr std::uint32_t kSpacedSchema = 80;
+/// Added to any of these where leaves have observed voxels only, as all that this program writes. Others have all.
+inline constexpr std::uint32_t kCompactSchema = 160;
 
-[[nodiscard]] constexpr bool isSpacedSchema(std::uint32_t schema) { return schema > kSpacedSchema; }
+[[nodiscard]] constexpr bool isCompactSchema(std::uint32_t schema) { return schema > kCompactSchema; }
+[[nodiscard]] constexpr std::uint32_t uncompactSchema(std::uint32_t schema) {
+  return schema - (isCompactSchema(schema) ? kCompactSchema : 0);
+}
+[[nodiscard]] constexpr bool isSpacedSchema(std::uint32_t schema) { return uncompactSchema(schema) > kSpacedSchema; }
 [[nodiscard]] constexpr std::uint32_t unspacedSchema(std::uint32_t schema) {
-  return isSpacedSchema(schema) ? schema - kSpacedSchema : schema;
+  return uncompactSchema(schema) - (isSpacedSchema(schema) ? kSpacedSchema : 0);
 }
 [[nodiscard]] constexpr bool isCarryingSchema(std::uint32_t schema) { return unspacedSchema(schema) > kCarryingSchema; }
 [[nodiscard]] constexpr std::uint32_t uncarryingSchema(std::uint32_t schema) {
@@ -50,9 +56,10 @@ inline constexpr std::uint32_t kSpacedSchema = 80;
   const std::uint32_t plain = plainSchema(schema);
   return plain == kStateSchema || plain == kOrientedStateSchema || plain == kRolledStateSchema;
 }
+/// Of states that this program writes.
 /// @param params  of a field, where the number of rolls is known  @param scored  StateHead::isScored()
 [[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params, bool scored) {
-  const std::uint32_t more = (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) +
+  const std::uint32_t more = kCompactSchema + (params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0) +
                              (params.carry.empty() ? 0 : kCarryingSchema) + (scored ? kScoredSchema : 0) +
                              (params.scoring.point_spacing_m > 0 ? kSpacedSchema : 0);
   if (params.approach.rolls > 1) return kRolledStateSchema + more;
@@ -81,6 +88,7 @@ struct StateHead {
   std::uint64_t scans = 0;                  ///< integrated
   std::optional<double> latest_stamp_s;     ///< of all scans; nothing while none had one
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
+  std::uint64_t voxel_bytes = 0;  ///< of all leaves
   std::uint64_t points = 0, poses = 0;
   std::uint64_t split_points = 0, votes = 0;  ///< PointAttributes, over all columns; only where returns carry some
   std::uint64_t left_out_leaves = 0;          ///< LeftOutVoxels

@@ -109,7 +109,8 @@ void StateReader::readHead() {
   // No product overflows: ids and file sizes bound the factors.
   const std::uint64_t left = in_.fileBytes();
   const bool small =
-      head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
+      head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValuesBytes &&
+      head_.voxel_bytes <= left &&
       head_.leaves_with_votes <= left / kLeafVoteBytes && head_.leaves_with_before <= left / kLeafBeforeBytes &&
       head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
       head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes &&
@@ -118,9 +119,7 @@ void StateReader::readHead() {
   const std::uint64_t columns = head_.params.carry.size();
   const std::uint64_t sections = std::uint64_t{head_.tools.empty() ? 5u : 6u} + (columns > 0 ? 1 : 0);
   const std::uint64_t expected =
-      kStateMagic.size() + sections * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
-      head_.leaves_with_values * kLeafValueBytes + head_.leaves_with_votes * kLeafVoteBytes +
-      head_.leaves_with_before * kLeafBeforeBytes + head_.poses * kPoseBytes +
+      kStateMagic.size() + sections * kSectionFrameBytes + length + leavesBytes(head_) + head_.poses * kPoseBytes +
       head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_) + columns * sizeof(std::int32_t)) +
       head_.split_points * kSplitPointBytes + head_.votes * kVoteBytes + goneStateBytes(head_) +
       head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cubes * kClosedCubeBytes + scoredStateBytes(head_);
@@ -265,35 +264,26 @@ void StateReader::readScored(const std::vector<PointScorer*>& scorers) {
 }
 
 void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
-  if (in_.begin("leaves") != head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes +
-                                 head_.leaves_with_votes * kLeafVoteBytes +
-                                 head_.leaves_with_before * kLeafBeforeBytes) {
+  if (in_.begin("leaves") != leavesBytes(head_))
     in_.refuse("its length does not match the number of leaves in the head");
-  }
   std::vector<const PackedLeaf*> leaves;
   std::vector<LeafChange> facts;
-  std::vector<DistanceChange> distances;
-  const auto rooms = std::make_unique_for_overwrite<LeafValues::Room[]>(kLeavesRead);
   const auto hand_over = [&] {
     facts.resize(leaves.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(map, *leaves[n]);
     });
     std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
-    distances.clear();
-    for (const PackedLeaf* leaf : leaves) {
-      if (LeafValues(*leaf)) distances.push_back(distancesOf(map, *leaf, rooms[distances.size()]));
-    }
-    take(facts, distances);
+    take(facts, leaves);
     leaves.clear();
   };
-  std::uint64_t with_values = 0, with_votes = 0, with_before = 0;
+  std::uint64_t with_values = 0, with_votes = 0, with_before = 0, voxel_bytes = 0;
   for (std::uint64_t n = 0; n < head_.leaves; ++n) {
     std::int32_t origin[3];
     std::uint32_t has = 0;
     LeafBits cleared, before;
     VoxelVotes votes;
-    alignas(64) std::uint32_t values[PackedLeaf::SIZE];
+    LeafValues::Room values;
     in_.read(origin, sizeof origin);
     in_.read(&has, sizeof has);
     in_.read(cleared.data(), sizeof cleared);
@@ -309,7 +299,7 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
     for (const std::int32_t x : origin) {
       if (x % 8 != 0 || x < -kFarthestLeaf_voxels || x > kFarthestLeaf_voxels) in_.refuse("a leaf is out of place");
     }
-    if (has_values) in_.read(values, sizeof values);
+    if (has_values) voxel_bytes += readValues(values, head_.voxel_bytes - voxel_bytes);
     if (has_votes) in_.read(votes.bit.data(), kLeafVoteBytes);
     if (has_before) in_.read(before.data(), kLeafBeforeBytes);
     const PackedLeaf* leaf = map.restoreLeaf({origin[0], origin[1], origin[2]}, cleared, has_values ? values : nullptr,
@@ -320,10 +310,34 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
   }
   in_.end();
   if (with_values != head_.leaves_with_values || with_votes != head_.leaves_with_votes ||
-      with_before != head_.leaves_with_before) {
+      with_before != head_.leaves_with_before || voxel_bytes != head_.voxel_bytes) {
     in_.refuse("it has too few values");
   }
   hand_over();
+}
+
+std::uint64_t StateReader::readValues(LeafValues::Room& values, std::uint64_t most_bytes) {
+  if (!isCompactSchema(head_.schema)) {
+    in_.read(values, sizeof values);
+    return 0;
+  }
+  struct {
+    CompactLeaf head = {};
+    std::byte voxels[sizeof values + 1];  // CompactLeaf::voxel() reads four bytes
+  } room;
+  visitValues(room.head, [this](void* to, std::size_t bytes) { in_.read(to, bytes); });
+  room.head.countVoxels();
+  const bool fits = (room.head.voxel_bytes == 3 || room.head.voxel_bytes == 4) && room.head.base_weight <= kWeightMask;
+  if (!fits || room.head.voxelsBytes() > most_bytes) in_.refuse("it has too many values");
+  in_.read(room.voxels, room.head.voxelsBytes());
+  room.head.writeTo(values);
+  // One way to say it, so that the same map has the same bytes.
+  const CompactLeaf ours = CompactLeaf::headOf(values);
+  if (std::memcmp(ours.observed, room.head.observed, sizeof ours.observed) != 0 ||
+      ours.base_weight != room.head.base_weight || ours.voxel_bytes != room.head.voxel_bytes) {
+    in_.refuse("a leaf has voxels that no map has");
+  }
+  return room.head.voxelsBytes();
 }
 
 void StateReader::readPoses(PointStore& points) {

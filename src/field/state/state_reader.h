@@ -9,7 +9,6 @@
 #include <span>
 #include <vector>
 
-#include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
 #include "change/gone_cells.h"
 #include "change/gone_points.h"
@@ -17,6 +16,7 @@
 #include "field/state/state_head.h"
 #include "field/state/state_sections.h"
 #include "points/point_store.h"
+#include "tsdf/leaf_values.h"
 #include "tsdf/packed_map.h"
 #include "update/point_scorer.h"
 
@@ -32,8 +32,8 @@ class StateReader {
   /// Hash of the head, which stands for the state: it says how many scans, leaves and points there are.
   [[nodiscard]] const Sha256::Digest& headDigest() const { return head_digest_; }
 
-  /// Some leaves, as changes of an empty map: those with facts, and those with distances.
-  using TakeLeaves = std::function<void(std::span<const LeafChange> facts, std::span<const DistanceChange> distances)>;
+  /// Some leaves, and as changes of an empty map the facts of those that have any.
+  using TakeLeaves = std::function<void(std::span<const LeafChange> facts, std::span<const PackedLeaf* const> leaves)>;
   /// Fills an empty map and empty stores. @param stores  of the field's tools, the first tool's first: they get the
   /// same points, seen from other directions  @param take  for the mirrors; the leaves are in the map by then
   /// @throws InputError "state.damaged"; then all are of no use any more
@@ -51,6 +51,8 @@ class StateReader {
  private:
   void readHead();
   void readLeaves(PackedMap& map, const TakeLeaves& take);
+  /// Of a leaf. @param most_bytes  of its voxels  @return as many as there are
+  std::uint64_t readValues(LeafValues::Room& values, std::uint64_t most_bytes);
   void readPoses(PointStore& points);
   void readPoints(PointStore& points);
   void readAttributes(PointAttributes& attributes);

@@ -4,10 +4,14 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
 
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <functional>
+#include <numeric>
+#include <optional>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -17,7 +21,7 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kPointsWritten = 1 << 14;
+constexpr std::size_t kPointsWritten = 1 << 14, kLeavesWritten = 1 << 11;
 
 /// Calls visit(id, column, votes) where a point's returns do not agree.
 template <typename Visit>
@@ -33,26 +37,89 @@ void forEachSplit(const PointAttributes& attributes, std::uint32_t points, const
 
 int wordsOf(const FieldParams& params) { return (params.approach.directionCount() + 63) / 64; }
 
-void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map) {
-  out.begin("leaves", head.leaves * kLeafBytes + head.leaves_with_values * kLeafValueBytes +
-                          head.leaves_with_votes * kLeafVoteBytes + head.leaves_with_before * kLeafBeforeBytes);
-  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
-    const std::int32_t origin[3] = {leaf->origin().x(), leaf->origin().y(), leaf->origin().z()};
-    LeafValues::Room room;
-    const std::uint32_t* values = LeafValues(*leaf).all(room);
-    const VoxelVotes* votes = map.votesOf(*leaf);
-    const LeafBits* before = map.beforeOf(*leaf);
+/// What a state holds of a leaf.
+struct StoredLeaf {
+  StoredLeaf(const PackedMap& map, const PackedLeaf& of) : leaf(&of), values(of), votes(map.votesOf(of)) {
+    before = map.beforeOf(of);
     if (before != nullptr && *before == LeafBits{}) before = nullptr;
-    const std::uint32_t has = (values != nullptr ? kHasValues : 0) | (votes != nullptr ? kHasVotes : 0) |
+    if (values.compact() == nullptr && values) plain.emplace(CompactLeaf::headOf(values.plain()));
+  }
+
+  [[nodiscard]] const CompactLeaf* head() const { return plain ? &*plain : values.compact(); }
+  [[nodiscard]] std::uint64_t voxelBytes() const { return head() == nullptr ? 0 : head()->voxelsBytes(); }
+  [[nodiscard]] std::uint64_t bytes() const {
+    return kLeafBytes + (head() == nullptr ? 0 : kLeafValuesBytes + voxelBytes()) +
+           (votes == nullptr ? 0 : kLeafVoteBytes) + (before == nullptr ? 0 : kLeafBeforeBytes);
+  }
+  /// Writes bytes() bytes.
+  void put(std::byte* to) const {
+    const auto write = [&to](const void* from, std::size_t count) {
+      std::memcpy(to, from, count);
+      to += count;
+    };
+    const std::int32_t origin[3] = {leaf->origin().x(), leaf->origin().y(), leaf->origin().z()};
+    const std::uint32_t has = (head() != nullptr ? kHasValues : 0) | (votes != nullptr ? kHasVotes : 0) |
                               (before != nullptr ? kHasBefore : 0);
     LeafBits cleared;
     for (openvdb::Index x = 0; x < 8; ++x) cleared[x] = leaf->getValueMask().getWord<std::uint64_t>(x);
-    out.write(origin, sizeof origin);
-    out.write(&has, sizeof has);
-    out.write(cleared.data(), sizeof cleared);
-    if (values != nullptr) out.write(values, kLeafValueBytes);
-    if (votes != nullptr) out.write(votes->bit.data(), kLeafVoteBytes);
-    if (before != nullptr) out.write(before->data(), kLeafBeforeBytes);
+    write(origin, sizeof origin);
+    write(&has, sizeof has);
+    write(cleared.data(), sizeof cleared);
+    if (head() != nullptr) {
+      visitValues(*head(), write);
+      if (plain) {
+        plain->packVoxels(values.plain(), to);
+        to += voxelBytes();
+      } else {
+        write(head()->voxels(), voxelBytes());
+      }
+    }
+    if (votes != nullptr) write(votes->bit.data(), kLeafVoteBytes);
+    if (before != nullptr) write(before->data(), kLeafBeforeBytes);
+  }
+
+  const PackedLeaf* leaf;
+  LeafValues values;
+  std::optional<CompactLeaf> plain;  ///< of plain values: how they are stored
+  const VoxelVotes* votes;
+  const LeafBits* before;
+};
+
+std::vector<const PackedLeaf*> leavesOf(const PackedMap& map) {
+  std::vector<const PackedLeaf*> leaves;
+  leaves.reserve(map.leaf_count);
+  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) leaves.push_back(&*leaf);
+  return leaves;
+}
+
+std::uint64_t voxelBytesOf(const PackedMap& map, const std::vector<const PackedLeaf*>& leaves) {
+  return tbb::parallel_reduce(
+      tbb::blocked_range<std::size_t>(0, leaves.size(), 64), std::uint64_t{0},
+      [&](const auto& range, std::uint64_t bytes) {
+        for (std::size_t n = range.begin(); n != range.end(); ++n) bytes += StoredLeaf(map, *leaves[n]).voxelBytes();
+        return bytes;
+      },
+      std::plus<>());
+}
+
+void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map,
+                 const std::vector<const PackedLeaf*>& leaves) {
+  out.begin("leaves", leavesBytes(head));
+  std::vector<std::byte> block;
+  std::vector<std::uint64_t> ends;
+  for (std::size_t first = 0; first < leaves.size(); first += kLeavesWritten) {
+    const std::size_t count = std::min(leaves.size() - first, kLeavesWritten);
+    ends.assign(count + 1, 0);
+    const auto forEachLeaf = [&](const auto& visit) {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 32), [&](const auto& range) {
+        for (std::size_t n = range.begin(); n != range.end(); ++n) visit(n, StoredLeaf(map, *leaves[first + n]));
+      });
+    };
+    forEachLeaf([&](std::size_t n, const StoredLeaf& leaf) { ends[n + 1] = leaf.bytes(); });
+    std::partial_sum(ends.begin(), ends.end(), ends.begin());
+    block.resize(ends.back());
+    forEachLeaf([&](std::size_t n, const StoredLeaf& leaf) { leaf.put(block.data() + ends[n]); });
+    out.write(block.data(), block.size());
   }
   out.end();
 }
@@ -201,6 +268,14 @@ void writeLeftOut(SectionWriter& out, const LeftOutVoxels& voxels, const LeftOut
 
 }  // namespace
 
+std::uint64_t leavesBytes(const StateHead& head) {
+  const std::uint64_t value_bytes = isCompactSchema(head.schema)
+                                        ? head.leaves_with_values * kLeafValuesBytes + head.voxel_bytes
+                                        : head.leaves_with_values * kPlainValuesBytes;
+  return head.leaves * kLeafBytes + value_bytes + head.leaves_with_votes * kLeafVoteBytes +
+         head.leaves_with_before * kLeafBeforeBytes;
+}
+
 std::uint64_t goneStateBytes(const StateHead& head) {
   if (head.params.change.mode != ChangeMode::Full) return 0;
   return 2 * kSectionFrameBytes + head.cell_blocks * kLeafCellBytes + head.gone_points * kGonePointBytes;
@@ -229,7 +304,7 @@ void requireSavable(const FieldParams& params) {
   }
 }
 
-void writeState(const std::filesystem::path& file, StateHead head, const StateInputs& parts) {
+void writeState(const std::filesystem::path& file, StateHead head, const StateInputs& parts, io::WriteFile write) {
   const auto& [map, stores, gone, left_out, scorers] = parts;
   const PointStore& points = *stores.front();
   requireSavable(head.params);
@@ -238,6 +313,8 @@ void writeState(const std::filesystem::path& file, StateHead head, const StateIn
   head.schema = stateSchemaOf(head.params, head.isScored());
   head.leaves = map.leaf_count;
   head.leaves_with_values = map.allocated_leaf_count;
+  const std::vector<const PackedLeaf*> leaves = leavesOf(map);
+  head.voxel_bytes = voxelBytesOf(map, leaves);
   head.leaves_with_votes = map.votedLeafCount();
   head.leaves_with_before = map.agedLeafCount();
   head.points = points.size();
@@ -255,13 +332,13 @@ void writeState(const std::filesystem::path& file, StateHead head, const StateIn
     head.cell_blocks = gone->cells->blocksInOrder().size();
     for (std::uint32_t id = 0; id < gone->points->size(); ++id) head.gone_points += isKept(*gone->points, id) ? 1 : 0;
   }
-  io::writeFileDurably(file, [&](std::ostream& stream) {
+  write(file, [&](std::ostream& stream) {
     SectionWriter out(stream);
     const std::vector<char> bytes = bytesOf(head);
     out.begin("head", bytes.size());
     out.write(bytes.data(), bytes.size());
     out.end();
-    writeLeaves(out, head, map);
+    writeLeaves(out, head, map, leaves);
     writePoses(out, head, points);
     writePoints(out, head, points);
     if (!head.params.carry.empty()) writeAttributes(out, head, points.attributes());

@@ -11,7 +11,9 @@
 #include "change/gone_points.h"
 #include "field/left_out_points.h"
 #include "field/state/state_head.h"
+#include "io/streams/whole_file.h"
 #include "points/point_store.h"
+#include "tsdf/leaf_values.h"
 #include "tsdf/packed_map.h"
 #include "update/point_scorer.h"
 
@@ -20,13 +22,23 @@ namespace accessvdb::internal {
 /// Leaves are at multiples of 8 voxels within this, so that a mirror can hold them.
 inline constexpr std::int32_t kFarthestLeaf_voxels = 1 << 21;
 
-/// Bytes of a leaf, of its values, its votes, and what was free there before if it has any, of a point, and of a sensor
-/// position.
+/// Bytes of a leaf, of its values without the voxels, its votes, and what was free there before if it has any, of a
+/// point, and of a sensor position.
 inline constexpr std::uint64_t kLeafBytes = 3 * sizeof(std::int32_t) + sizeof(std::uint32_t) + sizeof(LeafBits);
-inline constexpr std::uint64_t kLeafValueBytes = PackedLeaf::SIZE * sizeof(std::uint32_t);
+inline constexpr std::uint64_t kLeafValuesBytes = sizeof(CompactLeaf::observed) + 2 * sizeof(std::uint32_t);
+inline constexpr std::uint64_t kPlainValuesBytes = PackedLeaf::SIZE * sizeof(std::uint32_t);  ///< before they were so
 inline constexpr std::uint64_t kLeafVoteBytes = sizeof(VoxelVotes::bit);
 inline constexpr std::uint64_t kLeafBeforeBytes = sizeof(LeafBits);
 inline constexpr std::uint32_t kHasValues = 1, kHasVotes = 2, kHasBefore = 4;  ///< flags of a leaf
+/// Calls visit(data, bytes) for all that a state holds of values before their voxels, in its order.
+template <typename Head, typename Visit>
+void visitValues(Head& head, const Visit& visit) {
+  visit(head.observed, sizeof head.observed);
+  visit(&head.base_weight, sizeof head.base_weight);
+  visit(&head.voxel_bytes, sizeof head.voxel_bytes);
+}
+/// Bytes of the section.
+[[nodiscard]] std::uint64_t leavesBytes(const StateHead& head);
 inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
 [[nodiscard]] std::uint64_t storedPointBytes(const FieldParams& params);
 /// Calls visit(data, bytes) for all that a state holds of a point, in its order.
@@ -104,7 +116,7 @@ struct StateInputs {
 };
 
 /// @param head  its counts of leaves and points are filled in here
-/// @throws OutputError
-void writeState(const std::filesystem::path& file, StateHead head, const StateInputs& parts);
+/// @param write  makes the file  @throws OutputError
+void writeState(const std::filesystem::path& file, StateHead head, const StateInputs& parts, io::WriteFile write);
 
 }  // namespace accessvdb::internal

@@ -328,8 +328,13 @@ class TempFile {
 
   [[nodiscard]] int fd() const { return fd_; }
 
-  void commit(std::uint64_t expected_bytes) {
-    if (::fsync(fd_) != 0) throwOutputError(errno, target_, "bring the file to the disk", expected_bytes);
+  enum class To { Disk, System };
+  void commit(std::uint64_t expected_bytes, To to) {
+    if (to == To::System) {
+      static_cast<void>(::sync_file_range(fd_, 0, 0, SYNC_FILE_RANGE_WRITE));  // a head start; not all systems have it
+    } else if (::fsync(fd_) != 0) {
+      throwOutputError(errno, target_, "bring the file to the disk", expected_bytes);
+    }
     struct stat info;
     if (::fstat(fd_, &info) != 0) throwOutputError(errno, target_, "look at the file", expected_bytes);
     if (static_cast<std::uint64_t>(info.st_size) != expected_bytes) {
@@ -343,7 +348,7 @@ class TempFile {
     if (closed != 0 && errno != EINTR) throwOutputError(errno, target_, "close the file", expected_bytes);
     if (::rename(temp_.c_str(), target_.c_str()) != 0) throwOutputError(errno, target_, "put the file in place");
     renamed_ = true;
-    syncFolder();
+    if (to == To::Disk) syncFolder();
   }
 
  private:
@@ -441,16 +446,32 @@ bool lockFolder(const std::filesystem::path& folder) {
   return false;
 }
 
-}  // namespace
-
-void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body) {
+void writeFile(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body, TempFile::To to) {
   if (!path.has_filename()) {
     throw OutputError("output.name", path.string(), "is not the name of a file", "Give the name of a file");
   }
   requireOutputFile(path);
   if (isStream(path)) return writeInPlace(path, body);
   TempFile temp(path);
-  temp.commit(writeBody(temp.fd(), true, path, body));
+  temp.commit(writeBody(temp.fd(), true, path, body), to);
+}
+
+}  // namespace
+
+void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body) {
+  writeFile(path, body, TempFile::To::Disk);
+}
+
+void writeFileWhole(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body) {
+  writeFile(path, body, TempFile::To::System);
+}
+
+void bringToDisk(const std::filesystem::path& file) {
+  const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) throwOutputError(errno, file, "open the file");
+  const int result = ::fsync(fd), error = errno;
+  ::close(fd);
+  if (result != 0) throwOutputError(error, file, "bring the file to the disk");
 }
 
 bool isStream(const std::filesystem::path& path) {

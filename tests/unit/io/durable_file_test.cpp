@@ -22,6 +22,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "io/streams/whole_file.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {
@@ -131,6 +132,24 @@ TEST(DurableFile, FileSizeLimitIsAnErrorAndNoSignal) {
   }));
   EXPECT_EQ(contentOf(folder / "a.bin"), "old");
   EXPECT_EQ(folder.names(), std::vector<std::string>{"a.bin"});
+}
+
+TEST(WholeFile, IsThereOrNotAndCanBeBroughtToTheDisk) {
+  const ScratchFolder folder;
+  io::writeFileWhole(folder / "a.txt", [](std::ostream& stream) { stream << "old"; });
+  const auto fail = [&] {
+    io::writeFileWhole(folder / "a.txt", [](std::ostream& stream) {
+      stream << "new";
+      throw OutputError("test.body", "", "failed", "");
+    });
+  };
+  EXPECT_EQ(outputErrorOf(fail), "test.body");
+  EXPECT_EQ(contentOf(folder / "a.txt"), "old");
+  EXPECT_EQ(folder.names(), std::vector<std::string>{"a.txt"});
+  EXPECT_EQ(outputErrorOf([&] { io::bringToDisk(folder / "a.txt"); }), "no error");
+  EXPECT_NE(outputErrorOf([&] { io::bringToDisk(folder / "b.txt"); }), "no error");
+  EXPECT_EQ(outputErrorOf([] { io::writeFileWhole("/dev/full", [](std::ostream& stream) { stream << "x"; }); }),
+            outputErrorOf([] { io::writeFileDurably("/dev/full", [](std::ostream& stream) { stream << "x"; }); }));
 }
 
 TEST(DurableFile, UnusableTargetsAreErrors) {
