@@ -181,6 +181,8 @@ typedef struct accessvdb_params {
   /// passed to. NULL = nothing
   const char* carry;
   double point_spacing_m;  ///< version 7: 0 = all points are scored; else one for each cell of this edge
+  double clear_rays_m;     ///< version 7: rays clear a line beyond the band, so far from their returns; infinity: all of it
+  double platform_radius_m;  ///< version 7: a ball of this radius around the sensor's positions is free
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.

@@ -60,7 +60,16 @@ struct TsdfParams {
   double cleared_radius_voxels = 2.5;  ///< cleared band: distance from the ray; 0 = thin line (paper)
   double cleared_begin_tau = 0.5;  ///< cleared band: begin, times tau, from the return towards the sensor (paper: 1)
   double cleared_end_tau = 2.25;   ///< cleared band: end, times tau; longer where the corridor is
+  /// Beyond the band, rays clear a line of single voxels up to so far from their returns; infinity: to the sensor.
+  /// 0: only the band. Not with a window, UpdateRegion::Projective.
+  double clear_rays_m = 0.0;
+  /// What the sensor's platform fills is free: a ball of this radius around each sensor position, unless something
+  /// collides in it or a return of its scan lies there (FrameStats::contradicted_platforms). 0: nothing is; at most
+  /// kMostPlatform_voxels. Not with a window, UpdateRegion::Projective.
+  double platform_radius_m = 0.0;
 };
+/// Of TsdfParams::platform_radius_m.
+inline constexpr double kMostPlatform_voxels = 128;
 
 /// Which approach directions are admissible (paper, "Approach directions", "Arm path checking").
 struct ApproachParams {

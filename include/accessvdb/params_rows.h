@@ -144,7 +144,16 @@ inline constexpr auto kParamRows<TsdfParams> = std::tuple(
         "cleared_begin_tau", ParamRange{0, 10}, "Cleared band: beginning, times tau, from the return."),
     paramRow<&TsdfParams::cleared_end_tau, &accessvdb_params::cleared_end_tau>(
         "cleared_end_tau", [](const FieldParams& p) { return ParamRange{p.tsdf.cleared_begin_tau, 100}; },
-        "Cleared band: end, times tau."));
+        "Cleared band: end, times tau."),
+    paramRow<&TsdfParams::clear_rays_m, &accessvdb_params::clear_rays_m>(
+        "clear_rays_m", ParamRange{0, std::numeric_limits<double>::infinity()},
+        "Rays clear a line beyond the band, up to so far from their returns; inf: to the sensor. 0: only the band."),
+    paramRow<&TsdfParams::platform_radius_m, &accessvdb_params::platform_radius_m>(
+        "platform_radius_m",
+        [](const FieldParams& p) {
+          return ParamRange{0, kMostPlatform_voxels * p.tsdf.voxel_size_m, "The platform is at most 128 voxels large"};
+        },
+        "A ball of this radius around the sensor's positions is free; 0: none is."));
 
 template <>
 inline constexpr auto kParamRows<ApproachParams> = std::tuple(

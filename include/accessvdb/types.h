@@ -47,6 +47,8 @@ struct FrameStats {
   std::uint64_t surface_points = 0;         ///< in the field after this scan
   std::uint64_t flipped_voxels = 0;         ///< voxels in which a fact that scoring reads flipped
   std::uint64_t left_out_returns = 0;       ///< of points_used: those for which a map that no longer grows has no place
+  /// Sensor positions around which TsdfParams::platform_radius_m cleared nothing, since something is there.
+  std::uint64_t contradicted_platforms = 0;
 };
 
 /// What one update() did. backlog, withheld_points and label_changes are of several tools the sums over them.

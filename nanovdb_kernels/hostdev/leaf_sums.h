@@ -35,6 +35,8 @@ struct KernelConstants {
   float cone_cos, cone_cos_squared;
   float clamp_low, clamp_high, sample_scale;  ///< steps of kSampleSteps per voxel
   float band_begin, band_end, band_radius_squared;
+  float line_end;             ///< of what rays clear beyond the band; 0: nothing
+  float ball_radius_squared;  ///< of what the platform clears
   std::int32_t max_weight;
   std::int32_t collision_mean;
   std::int32_t collision_sample;  ///< a sample below this collides

@@ -115,6 +115,8 @@ class TsdfParams:
     cleared_radius_voxels: float
     cleared_begin_tau: float
     cleared_end_tau: float
+    clear_rays_m: float
+    platform_radius_m: float
     def __init__(
         self,
         *,
@@ -131,6 +133,8 @@ class TsdfParams:
         cleared_radius_voxels: float = ...,
         cleared_begin_tau: float = ...,
         cleared_end_tau: float = ...,
+        clear_rays_m: float = ...,
+        platform_radius_m: float = ...,
     ) -> None: ...
     def __copy__(self) -> TsdfParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> TsdfParams: ...
@@ -317,6 +321,8 @@ class Removal:
     def points(self) -> int: ...
     @property
     def flipped_voxels(self) -> int: ...
+    @property
+    def contradicted_platforms(self) -> int: ...
 
 @final
 class WhatIf:

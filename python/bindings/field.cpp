@@ -82,6 +82,7 @@ void bindReports(py::module_& module) {
       .def_readonly("mirror_ms", &F::mirror_ms)
       .def_readonly("changed_leaves", &F::changed_leaves)
       .def_readonly("flipped_voxels", &F::flipped_voxels)
+      .def_readonly("contradicted_platforms", &F::contradicted_platforms)
       .def_readonly("mirror_bytes", &F::mirror_bytes)
       .def_readonly("surface_points", &F::surface_points)
       .def("__repr__", [](const F& stats) {

@@ -35,6 +35,7 @@ void countFused(const IntegrationResult& fused, FrameStats& stats) {
   stats.distance_updates = fused.counts.distance_updates;
   stats.cleared_updates = fused.counts.cleared_updates;
   stats.flipped_voxels = fused.counts.flipped_voxels;
+  stats.contradicted_platforms = fused.contradicted_platforms;
 }
 
 /// @return where rays opened voxels of what has gone

@@ -162,6 +162,10 @@ void requireWindow(const FieldParams& p) {
   if (p.tsdf.region == UpdateRegion::Projective) {
     refuse("cannot be combined with projective fusion, which depends on whole scans", "Use another UpdateRegion");
   }
+  if (p.tsdf.clear_rays_m > 0 || p.tsdf.platform_radius_m > 0) {
+    refuse("cannot be combined with clear_rays_m or platform_radius_m, which reach beyond a tile's margin",
+           "Map in one piece, or without them");
+  }
   for (std::size_t axis = 0; axis < 2; ++axis) {
     const std::int32_t low = p.window->core_low[axis], high = p.window->core_high[axis];
     if (low % FieldWindow::kEdge != 0 || high % FieldWindow::kEdge != 0 || low >= high || low < -kMostWindow_voxels ||
@@ -207,6 +211,10 @@ FieldParams FieldParams::resolved() const {
   if (t.truncation_distance_m == 0) t.truncation_distance_m = std::max(4 * t.voxel_size_m, 5 * t.range_noise_m);
   requireRanges(t, p);
   if (t.region == UpdateRegion::Projective) requireProjective(p);
+  if (t.region == UpdateRegion::Projective && (t.clear_rays_m > 0 || t.platform_radius_m > 0)) {
+    throw InvalidArgument("config.clear_rays", "clear_rays_m", "is not for projective fusion",
+                          "Use another UpdateRegion");
+  }
 
   using A = ApproachParams;
   A& a = p.approach;
@@ -263,6 +271,9 @@ std::string FieldParams::describe() const {
         if (change.mode == ChangeMode::Full) put(row.c_name, text(value));
       } else if constexpr (Row::template is<&ScoringParams::point_spacing_m>) {
         if (value > 0) put(row.c_name, text(value));  // files of all points are those from before there was a choice
+      } else if constexpr (Row::template is<&TsdfParams::clear_rays_m> ||
+                           Row::template is<&TsdfParams::platform_radius_m>) {
+        if (value > 0) put(row.c_name, text(value));  // likewise
       } else if constexpr (Row::template is<&ApproachParams::num_directions>) {
         put(row.c_name, text(value));
         putOrientations();

@@ -233,6 +233,8 @@ void MemoryPredictor::add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L
   for (double s = params_.cleared_begin_tau * tau + 0.5 * slab; s < end + 0.5 * slab; s += slab) {
     touchSlab(p_L + u * std::min(s, end - 0.5 * slab), u, params_.cleared_radius_voxels * v, band_leaves_);
   }
+  const double line_end = std::min(params_.clear_rays_m, range), half_leaf = 0.5 * kLeafVoxels * v;
+  for (double s = end; s < line_end; s += half_leaf) touchBox(p_L + u * s, Eigen::Vector3d::Zero(), band_leaves_);
 }
 
 void MemoryPredictor::merge(const MemoryPredictor& other) {

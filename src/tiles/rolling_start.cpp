@@ -29,6 +29,9 @@ void requireRolling(const FieldParams& params, const RollingOptions& options, co
   if (params.update.budget_points > 0) refuse("have a budget, which is shared among all points", "Leave it out");
   if (params.update.policy == UpdatePolicy::Paper) refuse("have the paper's policy", "Use UpdatePolicy::Exact");
   if (params.tsdf.region == UpdateRegion::Projective) refuse("have projective fusion", "Use another UpdateRegion");
+  if (params.tsdf.clear_rays_m > 0 || params.tsdf.platform_radius_m > 0) {
+    refuse("clear more than tiles share, clear_rays_m or platform_radius_m", "Leave them out, or use one field");
+  }
   const std::int32_t edge = options.tile_voxels;
   const bool power = edge >= FieldWindow::kEdge && (edge & (edge - 1)) == 0 && edge <= kLargestTile_voxels;
   if (edge != 0 && (!power || edge < margins.least_tile_voxels)) {

@@ -135,6 +135,10 @@ Plan identified(Plan plan) {
 }
 
 TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params, const TableProgress& progress) {
+  if (params.tsdf.clear_rays_m > 0 || params.tsdf.platform_radius_m > 0) {
+    throw InvalidArgument("tiles.clear_rays", "clear_rays_m", "reaches farther than what tiles share",
+                          "Map in one piece, or leave it and platform_radius_m out");
+  }
   internal::WindowMargins reach;
   for (const ToolSpec& spec : tools) {
     const FieldParams resolved = toolParams(spec, params).resolved();

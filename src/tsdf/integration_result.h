@@ -20,6 +20,7 @@ namespace accessvdb::internal {
 struct IntegrationResult {
   std::uint64_t touched_leaves = 0;
   std::uint64_t new_leaves = 0;
+  std::uint64_t contradicted_platforms = 0;  ///< PlatformBalls::contradicted
   FoldCounts counts;
   /// Leaves with flipped facts, each at most once; in the integrator's memory, valid until the next integrate().
   std::vector<std::span<const LeafChange>> changes;

@@ -26,6 +26,8 @@ KernelConstants kernelConstants(const PackedMap& map, const RegionShape& shape) 
   constants.band_begin = shape.band_begin;
   constants.band_end = shape.band_end;
   constants.band_radius_squared = shape.band_radius * shape.band_radius;
+  constants.line_end = shape.line_end;
+  constants.ball_radius_squared = shape.ball_radius * shape.ball_radius;
   constants.max_weight = static_cast<std::int32_t>(p.max_weight);
   constants.collision_mean = static_cast<std::int32_t>(map.collisionMean());
   // Votes exist only with a collision distance that no longer changes.
@@ -61,9 +63,28 @@ void LeafFusion::markThinBand(const std::array<std::int32_t, 3>& origin_ijk, con
     const int voxel = local[0] << 6 | local[1] << 3 | local[2];
     if (!inside || voxel == last) return;  // two samples in one voxel; a straight line never returns
     last = voxel;
-    passed_[static_cast<std::size_t>(voxel >> 6)] |= std::uint64_t{1} << (voxel & 63);
-    ++passes_;
+    pass(voxel);
   });
+}
+
+void LeafFusion::pass(int voxel) {
+  passed_[static_cast<std::size_t>(voxel >> 6)] |= std::uint64_t{1} << (voxel & 63);
+  ++passes_;
+}
+
+void LeafFusion::markLine(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray) {
+  const kernels::ClearedLine line(ray, constants_.band_end, constants_.line_end);
+  const auto axis = static_cast<std::size_t>(line.axis);
+  const kernels::LineLayers layers(line, origin_ijk[axis] - ray.base_ijk[axis]);
+  for (std::int32_t n = layers.first; n <= layers.last; ++n) {
+    const int voxel = kernels::lineVoxelIn(origin_ijk.data(), ray, line, n);
+    if (voxel >= 0) pass(voxel);
+  }
+}
+
+void LeafFusion::markBall(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ball) {
+  for (int voxel = 0; voxel < 512; ++voxel)
+    if (kernels::isInBall(origin_ijk.data(), voxel, ball, constants_.ball_radius_squared)) pass(voxel);
 }
 
 bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::span<const LeafEntry> entries,
@@ -82,6 +103,14 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
     prefetchWrite(rays + entries.data()[n + kLookAhead].index(), sizeof(ReturnRay));
     const LeafEntry entry = entries[n];
     const ReturnRay& ray = rays[entry.index()];
+    if (entry.part() == LeafEntry::kLine) {
+      markLine(origin_ijk, ray);
+      continue;
+    }
+    if (entry.part() == LeafEntry::kBall) {
+      markBall(origin_ijk, ray);
+      continue;
+    }
     if (entry.band() && shape_.thinBand()) {
       markThinBand(origin_ijk, ray);
       continue;

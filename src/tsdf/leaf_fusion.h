@@ -66,6 +66,9 @@ class LeafFusion {
   void flushSums();
   void clearSums();
   void markThinBand(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray);
+  void markLine(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray);
+  void markBall(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ball);
+  void pass(int voxel);
   bool foldAged(const PackedLeaf& leaf, const LeafTarget& target, LeafChange& change, FoldCounts& counts);
   void markWideFree(LeafBits& free) const;
   [[nodiscard]] ScanVerdict judgeWide(const LeafTarget& leaf, const KernelConstants& constants) const;

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <optional>
 
 #include "tsdf/leaf_walk.h"
 
@@ -57,7 +58,7 @@ void forEachEntry(const RegionShape& shape, const RegionSlices& slices, const Re
       visit(leafKeyOf(leaf[0], leaf[1], leaf[2]), entry);
     };
   };
-  const LeafEntry cone = {index << 1}, band = {index << 1 | LeafEntry::kBand};
+  const LeafEntry cone = {index << 2 | LeafEntry::kCone}, band = {index << 2 | LeafEntry::kBand};
   visitLayers(
       slices, ray, slices.coneAlong(), 0, [&](Interval slice, int n) { return slices.coneAcross(slice, n); },
       entryOf(cone));
@@ -76,22 +77,87 @@ void forEachEntry(const RegionShape& shape, const RegionSlices& slices, const Re
   });
 }
 
+/// What is known to be clear.
+class ClearSpace {
+ public:
+  explicit ClearSpace(const PackedMap& map) : accessor_(map.tree()) {}
+  [[nodiscard]] bool has(const std::array<std::int32_t, 3>& leaf, const LeafBits& bits) {
+    const openvdb::Coord ijk(leaf[0] * 8, leaf[1] * 8, leaf[2] * 8);
+    const auto* node = accessor_.probeConstNode<PackedLowerNode>(ijk);
+    if (node == nullptr) return false;
+    const openvdb::Index n = PackedLowerNode::coordToOffset(ijk);
+    if (!node->isChildMaskOn(n)) return false;
+    const auto& clear = node->getTable()[n].getChild()->getValueMask();
+    std::uint64_t missing = 0;
+    for (openvdb::Index x = 0; x < 8; ++x) missing |= bits[x] & ~clear.getWord<std::uint64_t>(x);
+    return missing == 0;
+  }
+
+ private:
+  ConstPackedAccessor accessor_;
+};
+
+/// Calls visit(LeafKey, LeafEntry) for every leaf in which the return's line clears something.
+template <typename Visit>
+void forEachLineEntry(const RegionShape& shape, const ReturnRay& ray, std::uint32_t index, ClearSpace* clear,
+                      const Visit& visit) {
+  const kernels::ClearedLine line(ray, shape.band_end, shape.line_end);
+  if (line.count == 0) return;
+  std::array<std::int32_t, 3> leaf = {};
+  LeafBits bits = {};
+  const auto leave = [&] {
+    if (clear == nullptr || !clear->has(leaf, bits))
+      visit(leafKeyOf(leaf[0], leaf[1], leaf[2]), LeafEntry{index << 2 | LeafEntry::kLine});
+    bits = {};
+  };
+  for (std::int32_t n = 1; n <= line.count; ++n) {
+    const std::int32_t x = ray.base_ijk[0] + line.voxel(n, 0), y = ray.base_ijk[1] + line.voxel(n, 1),
+                       z = ray.base_ijk[2] + line.voxel(n, 2);
+    const std::array<std::int32_t, 3> next = {x >> 3, y >> 3, z >> 3};
+    if (n > 1 && next != leaf) leave();
+    leaf = next;
+    bits[static_cast<std::size_t>(x & 7)] |= std::uint64_t{1} << (8 * (y & 7) + (z & 7));
+  }
+  leave();
+}
+
+/// The same for a ball.
+template <typename Visit>
+void forEachBallEntry(const RegionShape& shape, const ReturnRay& ball, std::uint32_t index, const Visit& visit) {
+  std::array<LeafSpan, 3> spans;
+  for (int axis = 0; axis < 3; ++axis)
+    spans[static_cast<std::size_t>(axis)] = leafSpan(ball, axis, {-shape.ball_radius, shape.ball_radius}, kSlack);
+  for (std::int32_t x = spans[0].first; x <= spans[0].last; ++x) {
+    for (std::int32_t y = spans[1].first; y <= spans[1].last; ++y) {
+      for (std::int32_t z = spans[2].first; z <= spans[2].last; ++z)
+        visit(leafKeyOf(x, y, z), LeafEntry{index << 2 | LeafEntry::kBall});
+    }
+  }
+}
+
 }  // namespace
 
-void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays) {
+void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays, std::size_t balls, const PackedMap* map) {
   chunk_count_ = (rays.size() + kReturnsPerChunk - 1) / kReturnsPerChunk;
   if (chunks_.size() < chunk_count_) chunks_.resize(chunk_count_);
   tbb::parallel_for(std::size_t{0}, chunk_count_, [&](std::size_t n) {
     Chunk& chunk = chunks_[n];
     for (auto& bucket : chunk) bucket.clear();
+    const auto add = [&chunk](LeafKey key, LeafEntry entry) { chunk[bucketOf(key)].push_back({key, entry}); };
+    std::optional<ClearSpace> clear;
+    if (shape.hasLines() && map != nullptr) clear.emplace(*map);
     const std::size_t end = std::min(rays.size(), (n + 1) * kReturnsPerChunk);
     for (std::size_t i = n * kReturnsPerChunk; i < end; ++i) {
+      const auto index = static_cast<std::uint32_t>(i);
+      if (i >= rays.size() - balls) {
+        forEachBallEntry(shape, rays[i], index, add);
+        continue;
+      }
       const RegionSlices slices(shape, rays[i]);
       rays[i].cone_x = slices.coneX();
       rays[i].band_x = slices.bandX();
-      forEachEntry(shape, slices, rays[i], static_cast<std::uint32_t>(i), [&](LeafKey key, LeafEntry entry) {
-        chunk[bucketOf(key)].push_back({key, entry});
-      });
+      forEachEntry(shape, slices, rays[i], index, add);
+      if (shape.hasLines()) forEachLineEntry(shape, rays[i], index, clear ? &*clear : nullptr, add);
     }
   });
   pair_counts_.fill(0);

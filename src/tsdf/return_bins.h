@@ -60,7 +60,9 @@ class ReturnBins {
   static constexpr std::size_t kBuckets = 256;
 
   /// Fills the pairs of all returns, and the boxes of their regions.
-  void bin(const RegionShape& shape, std::span<ReturnRay> rays);
+  /// @param balls  so many of the rays, the last ones, are ballAround()
+  /// @param map    nullptr, or whose leaves lines pass over where they would clear nothing that is not clear already
+  void bin(const RegionShape& shape, std::span<ReturnRay> rays, std::size_t balls = 0, const PackedMap* map = nullptr);
 
   /// Number of pairs in a bucket, a measure of its work.
   [[nodiscard]] std::size_t pairCount(std::size_t bucket) const { return pair_counts_[bucket]; }

@@ -6,6 +6,7 @@
 ///   double cone   s^2 > cos^2 |e|^2  or  |e| <= 1, inside the cube |e|_inf <= tau   (product)
 ///   full cube     R - s > cos |x - q|, inside the cube                              (paper: cone seen from the sensor)
 ///   cleared band  begin < s <= min(end, R),  |e|^2 - s^2 <= radius^2                (radius 0: samples every v/2)
+///   cleared line  band's end < s <= min(clear_rays, R), kernels::ClearedLine         (with clear_rays_m)
 #pragma once
 
 #include <algorithm>
@@ -24,6 +25,9 @@ using kernels::Interval, kernels::kOwnVoxelRadius, kernels::kSlack, kernels::Ret
 /// @param p_L, q_L  [3] return and sensor, local frame, metres
 ReturnRay makeRay(const float* p_L, const float* q_L, double voxel_size_m);
 
+/// Stands for a sensor position. @param q_L  [3] local frame, metres
+ReturnRay ballAround(const float* q_L, double voxel_size_m);
+
 /// Constants of a map's update region, in voxels.
 struct RegionShape {
   explicit RegionShape(const TsdfParams& resolved);
@@ -32,6 +36,9 @@ struct RegionShape {
   float tau;
   float cone_cos, cone_cos_squared, cone_sin_squared;
   float band_begin, band_end, band_radius;
+  float line_end;     ///< of what rays clear beyond the band; 0: nothing
+  float ball_radius;  ///< of what the platform clears; 0: nothing
+  [[nodiscard]] bool hasLines() const { return line_end > band_end; }
   [[nodiscard]] bool thinBand() const { return band_radius <= 0; }
 };
 

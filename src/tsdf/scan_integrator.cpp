@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "tsdf/bucket_fusion.h"
+#include "tsdf/platform_balls.h"
 #include "tsdf/projective_integrator.h"
 #include "tsdf/scan_news.h"
 
@@ -59,6 +60,8 @@ void ScanIntegrator::visitChanges(const ChangeVisitor& visit) {
 
 void ScanIntegrator::bin(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   if (p_L.empty() || (projective_ && !map_.params().projective.cleared_band)) return;
+  // Where free space ages, what is clear has to be confirmed again.
+  const PackedMap* const clear = map_.agesFreeSpace() ? nullptr : &map_;
   rays_.resize(p_L.size());
   const double v = map_.params().voxel_size_m;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 256), [&](const auto& range) {
@@ -67,7 +70,10 @@ void ScanIntegrator::bin(std::span<const Eigen::Vector3f> p_L, std::span<const E
     }
     if (map_.blocksNewThings()) markNews(map_, std::span(rays_).subspan(range.begin(), range.size()));
   });
-  bins_.bin(shape_, rays_);
+  PlatformBalls platform = platformBalls(map_, shape_, rays_, q_L);
+  contradicted_platforms_ = platform.contradicted;
+  rays_.insert(rays_.end(), platform.balls.begin(), platform.balls.end());
+  bins_.bin(shape_, rays_, platform.balls.size(), clear);
   binned_ = true;
 }
 
@@ -88,6 +94,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     binned_ = false;
   }
 
+  result.contradicted_platforms = std::exchange(contradicted_platforms_, 0);
   map_.cold().settle();
   reserve_.begin();
   // The largest buckets first, so that no thread starts one when the others are done.

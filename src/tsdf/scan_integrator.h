@@ -57,6 +57,7 @@ class ScanIntegrator {
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;
   bool binned_ = false;  ///< bin() was called
+  std::uint64_t contradicted_platforms_ = 0;
   LeafReserve reserve_;
   ChangeVisitor visit_;  ///< only for UpdateRegion::Projective, whose changes are known last
   struct Workers;

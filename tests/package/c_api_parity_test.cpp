@@ -311,6 +311,8 @@ TEST(CApiParity, EveryParameterArrives) {
       SET(cleared_begin_tau, tsdf.cleared_begin_tau, 0.75),
       SET(cleared_end_tau, tsdf.cleared_end_tau, 3.5),
       SET(max_weight, tsdf.max_weight, 77),
+      SET(clear_rays_m, tsdf.clear_rays_m, 12),
+      SET(platform_radius_m, tsdf.platform_radius_m, 0.5),
       SET(num_directions, approach.num_directions, 90),
       SET(normal_cone_rad, approach.normal_cone_rad, 1.1),
       SET(observation_cos_min, approach.observation_cos_min, 0.3),

@@ -228,6 +228,8 @@ TEST_F(FusionTwin, RandomStreams) {
     params.cleared_radius_voxels = random() % 5 == 0 ? 0 : uniform(0.3, 4);
     params.cleared_begin_tau = uniform(0.2, 1.2);
     params.cleared_end_tau = uniform(1.3, 4);
+    if (number % 3 == 0) params.clear_rays_m = number % 2 == 0 ? uniform(10, 400) * v : 1e9;
+    if (number % 4 == 1) params.platform_radius_m = uniform(0.3, 20) * v;
     std::vector<TwinScan> scans;
     Eigen::Vector3d centre(uniform(-2000, 2000), uniform(-2000, 2000), uniform(-2000, 2000));
     const double spread = uniform(3, 40);

@@ -12,6 +12,7 @@
 #include "cuda/memory/cuda_check.h"
 #include "cuda/memory/owned_event.h"
 #include "tsdf/leaf_fusion.h"
+#include "tsdf/platform_balls.h"
 #include "tsdf/return_bins.h"
 #include "tsdf/scan_news.h"
 
@@ -56,7 +57,7 @@ std::uint64_t differs(const void* a, const void* b, std::size_t bytes) { return 
 
 void ScanOnDevice::addLeaf(const internal::PackedMap& map, const Origin& origin_ijk,
                            std::span<const kernels::LeafEntry> entries, std::uint32_t slot) {
-  const auto is_cone = [](kernels::LeafEntry entry) { return !entry.band(); };
+  const auto is_cone = [](kernels::LeafEntry entry) { return entry.cone(); };
   const auto is_news = [&](kernels::LeafEntry entry) { return is_cone(entry) && rays_[entry.index()].news != 0; };
   const internal::PackedLeaf* leaf = leafAt(map, origin_ijk);
   internal::LeafValues::Room room;
@@ -99,8 +100,10 @@ void ScanOnDevice::take(const internal::PackedMap& map, std::span<const Eigen::V
   if (map.blocksNewThings()) internal::markNews(map, rays_);
   news_ = 0;
   for (const kernels::ReturnRay& ray : rays_) news_ += ray.news;
+  const internal::PlatformBalls platform = internal::platformBalls(map, shape, rays_, q_L);
+  rays_.insert(rays_.end(), platform.balls.begin(), platform.balls.end());
   internal::ReturnBins bins;
-  bins.bin(shape, rays_);
+  bins.bin(shape, rays_, platform.balls.size(), &map);
   entries_.clear();
   leaves_.clear();
   values_.clear();

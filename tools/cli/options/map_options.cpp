@@ -70,6 +70,7 @@ void addFieldOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
   addPointsOptions(flags, options);
   addChangeOptions(flags, options);
+  addClearOptions(flags, options);
 }
 
 void addMappingOptions(FlagParser& flags, MapOptions& options) {
@@ -171,6 +172,25 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
                "what is known of that place now: unknown (blocks until a scan sees through it) or free");
   flags.flag("--html", options.html, "also write report.html: the result as one page for a browser");
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
+}
+
+void addClearOptions(FlagParser& flags, MapOptions& options) {
+  flags.option("--clear-rays", &options.clear_rays,
+               "how far from their returns rays clear the space that they went through, metres, or all; thin things "
+               "between rays are not seen. Default: only before surfaces, which is what labels need");
+  flags.option("--platform-radius", &options.platform_radius_m,
+               "metres around the sensor's positions that its platform fills, and that are free of everything else; at "
+               "most its smallest extent");
+}
+
+double clearRays_m(const std::string& text) {
+  if (text == "all") return std::numeric_limits<double>::infinity();
+  double metres = 0;
+  const char* const end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, metres);
+  if (error == std::errc() && rest == end && metres > 0 && std::isfinite(metres)) return metres;
+  throw InvalidArgument("usage.clear_rays", "--clear-rays",
+                        "\"" + printable(text) + "\" is not a positive length in metres", "Use for example 20, or all");
 }
 
 void addChangeOptions(FlagParser& flags, MapOptions& options) {
@@ -358,6 +378,8 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   params.scoring.max_collisions = parseMaxCollisions(own.max_collisions, options.voxel_m);
   if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
   if (options.knn) params.scoring.neighbours = *options.knn;
+  if (!options.clear_rays.empty()) params.tsdf.clear_rays_m = clearRays_m(options.clear_rays);
+  if (options.platform_radius_m) params.tsdf.platform_radius_m = *options.platform_radius_m;
   params.scoring.point_spacing_m = pointSpacing_m(options.points, options.point_spacing, params.tsdf);
   auto change = givenChange(options);
   const bool can_forget = params.tsdf.region == UpdateRegion::DoubleCone && options.policy != "paper";

@@ -30,10 +30,10 @@ struct MapOptions {
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
   std::string pose_format = "auto", profile = "product", policy, orientations, change, free_for;
-  std::string points = "all", point_spacing = "auto";
+  std::string points = "all", point_spacing = "auto", clear_rays;
   std::string tool_name, rolls, max_collisions;  ///< of several tools of each, see tools_given.h
   double voxel_m = 0.01;
-  std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
+  std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m, platform_radius_m;
   std::optional<int> directions, knn;
   int every = 1, update_every = 0;
   std::string tiles = "auto", bin_memory, origin, rolling, replay_log;
@@ -58,6 +58,9 @@ void addFieldOptions(FlagParser& flags, MapOptions& options);
 
 /// Adds the flags for reading and mapping scans, for every verb that maps scans.
 void addMappingOptions(FlagParser& flags, MapOptions& options);
+
+/// Adds the flags for space that is known to be free, for every verb that keeps a field.
+void addClearOptions(FlagParser& flags, MapOptions& options);
 
 /// Adds the flags for a world that changes, for every verb that keeps a field.
 void addChangeOptions(FlagParser& flags, MapOptions& options);

@@ -46,6 +46,8 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"origin_W", "--origin"},
     {"origins_W", "--sensor-at"},
     {"free_for_s", "--free-for"},
+    {"clear_rays_m", "--clear-rays"},
+    {"platform_radius_m", "--platform-radius"},
     {"BackendKind::Cpu", "--device cpu"},
     {"ChangeMode::Off", "--change off"},
     {"ChangeMode::Block", "--change block"},

@@ -156,6 +156,7 @@ void RunReport::add(const FrameStats& stats) {
   points_in += stats.points_in;
   points_used += stats.points_used;
   for (int reason = 0; reason < kNumDropReasons; ++reason) dropped[reason] += stats.dropped[reason];
+  contradicted_platforms += stats.contradicted_platforms;
 }
 
 void RunReport::addScan(const FrameStats& stats, bool with_distance) {

@@ -107,6 +107,7 @@ struct RunReport {
   std::uint64_t scans = 0, points_in = 0, points_used = 0;
   std::uint64_t noise_points = 0;  ///< not among points_in: io::ScanInputOptions::keep_noise
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
+  std::uint64_t contradicted_platforms = 0;  ///< FrameStats
   std::uint64_t surface_points = 0;
   std::array<std::uint64_t, kNumPointLabels> labels = {};
   std::array<std::uint64_t, kNumPointReasons> reasons = {};

@@ -189,6 +189,13 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
                                    "\". Check --min-range, --max-range and the scans");
   }
 
+  if (report.contradicted_platforms > 0) {
+    warn("platform.contradicted", "around " + std::to_string(report.contradicted_platforms) +
+                                      " sensor positions something lies within --platform-radius, so nothing was "
+                                      "cleared there. Use a smaller one, or leave the platform's own returns out with "
+                                      "--min-range");
+  }
+
   const double range_m = facts.scene.medianRange_m();
   const Eigen::AlignedBox3d& sensors_W = facts.scene.sensors_W();
   const double path_m = sensors_W.isEmpty() ? 0 : sensors_W.diagonal().norm();

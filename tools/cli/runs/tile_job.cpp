@@ -237,6 +237,8 @@ std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldP
     return "finished tiles are kept without --checkpoint, and the same command goes on with the others";
   }
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
+  if (params.tsdf.clear_rays_m > 0 || params.tsdf.platform_radius_m > 0)
+    return "--clear-rays and --platform-radius reach farther than what tiles share";
   return std::nullopt;
 }
 

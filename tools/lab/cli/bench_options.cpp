@@ -93,6 +93,7 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.option("--corridor", &options.map.corridor_m, "length of the straight corridor that must be free, metres");
   addMirrorOption(flags, options.map);
   addChangeOptions(flags, options.map);
+  addClearOptions(flags, options.map);
   flags.option("--per-frame", &options.per_frame, "CSV file for the figures of every frame");
   flags.option("--out", &options.out, "JSON file for the figures; default: standard output");
 }
