@@ -34,6 +34,7 @@
 namespace accessvdb {
 
 class BatchQuery;
+class PoseQuery;
 class Region;
 class SurfacePoints;
 enum class RemovedAs : std::uint8_t;
@@ -161,6 +162,9 @@ class ACCESSVDB_API AccessibilityField {
 
   /// Batched queries, at points or along a robot arm: see batch_query.h. Valid until the field next changes.
   [[nodiscard]] BatchQuery batchQuery() const;
+
+  /// The field's tools at any pose: see pose_query.h. Valid until the field next changes.
+  [[nodiscard]] PoseQuery poseQuery() const;
 
   /// The map's mirror and the points in GPU memory, for your own kernels: see device_view.h. Everything in it is
   /// complete when this returns; valid until the field next changes. @throws DeviceError "device.none" on the CPU

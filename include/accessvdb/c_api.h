@@ -181,7 +181,8 @@ typedef struct accessvdb_params {
   /// passed to. NULL = nothing
   const char* carry;
   double point_spacing_m;  ///< version 7: 0 = all points are scored; else one for each cell of this edge
-  double clear_rays_m;     ///< version 7: rays clear a line beyond the band, so far from their returns; infinity: all of it
+  double
+      clear_rays_m;  ///< version 7: rays clear a line beyond the band, so far from their returns; infinity: all of it
   double platform_radius_m;  ///< version 7: a ball of this radius around the sensor's positions is free
 } accessvdb_params;
 
@@ -351,6 +352,38 @@ ACCESSVDB_API int accessvdb_field_query_points(accessvdb_field* field, const dou
 ACCESSVDB_API int accessvdb_field_query_capsules(accessvdb_field* field, const accessvdb_capsule* capsules,
                                                  size_t capsule_size, size_t count, accessvdb_capsule_answer* answers,
                                                  size_t answer_size) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- the field's tools at any pose (since version 7); accessvdb/pose_query.h has the rules ------------------------
+ */
+
+/// What a tool meets at a pose. Arrays take sizeof(accessvdb_fit) once.
+typedef struct accessvdb_fit {
+  uint32_t collisions;       ///< colliding voxels
+  uint32_t collision_limit;  ///< fewest that block: 1, in contact the field's own
+  uint32_t unknown_voxels;   ///< neither observed nor cleared
+  uint8_t collision;
+  uint8_t unknown;
+  uint8_t valid;  ///< 0: the pose is no rotation and translation, not finite or out of range: nothing was looked at
+  uint8_t free;   ///< 1: no collision, and all of it was seen to be free
+} accessvdb_fit;
+
+/// What a tool meets on its way from pose to pose.
+typedef struct accessvdb_path_fit {
+  uint32_t struct_size;
+  uint8_t collision;
+  uint8_t unknown;  ///< before the first collision
+  uint8_t valid;    ///< 0: no poses, a bad one, or too long a way
+  uint8_t free;
+  double first_hit;  ///< 1.25: a quarter of the way from the second pose to the third; NaN = nowhere
+} accessvdb_path_fit;
+
+/// @param T_WT  [16 x count] 4 x 4 matrices, world from tool, row by row    @param tool  of several; else 0
+/// @param in_contact  1: the tip touches a surface point, as where the field scores it    @param fits  [count] out
+ACCESSVDB_API int accessvdb_field_fits(accessvdb_field* field, const double* T_WT, size_t count, uint32_t tool,
+                                       int in_contact, accessvdb_fit* fits, size_t fit_size) ACCESSVDB_C_NOEXCEPT;
+/// @param T_WT  [16 x count] as above, on the way
+ACCESSVDB_API int accessvdb_field_fits_along(accessvdb_field* field, const double* T_WT, size_t count, uint32_t tool,
+                                             accessvdb_path_fit* fit) ACCESSVDB_C_NOEXCEPT;
 
 /// "cpu" or "cuda:NAME".
 ACCESSVDB_API const char* accessvdb_field_device(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;

@@ -27,12 +27,15 @@
 
 #include "accessvdb/device/distance_query.h"
 #include "accessvdb/device/occupancy_path.h"
+#include "accessvdb/device/tool_fit.h"
 #include "accessvdb/point_label.h"
 
 namespace accessvdb {
 
 using kernels::Occupancy;
 using kernels::PathOccupancy;
+using kernels::ToolBitmapView;
+using kernels::ToolFit;
 
 /// The surface points as of the last update(); index = SurfacePoint::id. Points added since are not here yet. Of
 /// several tools, the state of the one that stands for each point (SurfacePoint::tool), with directions counted through
@@ -101,6 +104,15 @@ struct DeviceView {
     const double a_L[3] = {a_W[0] - origin_W[0], a_W[1] - origin_W[1], a_W[2] - origin_W[2]};
     const double b_L[3] = {b_W[0] - origin_W[0], b_W[1] - origin_W[1], b_W[2] - origin_W[2]};
     return kernels::occupancyAlong(map, a_L, b_L, radius_m);
+  }
+
+  /// A tool at a pose, as PoseQuery::fits() without contact. @param tool  PoseQuery::toolView()
+  /// @param R_WT  [9] rotation, world from tool, column by column  @param tip_W  metres
+  ACCESSVDB_HOSTDEV ToolFit fits(const ToolBitmapView& tool, const double* R_WT, const double* tip_W) const {
+    const double tip_L[3] = {tip_W[0] - origin_W[0], tip_W[1] - origin_W[1], tip_W[2] - origin_W[2]};
+    kernels::ToolPlace place;
+    return kernels::makeToolPlace(R_WT, tip_L, map.inverse_voxel_size, place) ? kernels::toolFit(map, tool, place)
+                                                                              : ToolFit{};
   }
 
   /// @param id  below points.count    @param p_W  out: metres, world

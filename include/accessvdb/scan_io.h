@@ -180,5 +180,8 @@ class ACCESSVDB_API ScanSequence {
 
 /// Query positions from a text file, one "x y z" or "x,y,z" per line. @throws InputError naming the line
 [[nodiscard]] ACCESSVDB_API std::vector<Eigen::Vector3d> readPositions(const std::filesystem::path& path);
+/// Poses of a tool, world from tool, one "x y z qw qx qy qz" per line: the tip in metres and a unit quaternion. With a
+/// line of these names before them, in any order and with more columns. @throws InputError naming the line
+[[nodiscard]] ACCESSVDB_API std::vector<Eigen::Isometry3d> readToolPoses(const std::filesystem::path& path);
 
 }  // namespace accessvdb::io

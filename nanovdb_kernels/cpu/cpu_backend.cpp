@@ -17,6 +17,7 @@
 #include "accessvdb/error.h"
 #include "cpu/host_arena.h"
 #include "cpu/map_window.h"
+#include "cpu/tool_rows.h"
 #include "hostdev/place_key.h"
 #include "hostdev/wide_search.h"
 #include "launch/backend.h"
@@ -233,6 +234,15 @@ class CpuDueEvaluator final : public DueEvaluator {
   tbb::enumerable_thread_specific<Scratch> scratch_;
 };
 
+template <typename Rows>
+void fitEach(const FitRequest& request, const Rows& rows) {
+  constexpr std::size_t kPosesPerTask = 16;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, request.count, kPosesPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n)
+      request.fits[n] = toolFit(request.map, request.tool, request.places[n], request.stop_at, rows);
+  });
+}
+
 class CpuBackend final : public Backend {
  public:
   std::string name() const override { return "cpu"; }
@@ -294,6 +304,14 @@ class CpuBackend final : public Backend {
       }
       updatePoint(points, item, result, request.rule);
     });
+  }
+
+  void fitTool(const FitRequest& request) override {
+    if (const ToolRow row = fastToolRow(request.tool)) {
+      fitEach(request, row);
+    } else {
+      fitEach(request, tool_fit::PlainRows());
+    }
   }
 
   std::unique_ptr<DueEvaluator> makeDueEvaluator(const DueUpdate& update) override {

@@ -12,6 +12,7 @@
 #include "cuda/memory/owned_event.h"
 #include "cuda/memory/pinned_buffer.h"
 #include "cuda/search/score_kernels.h"
+#include "cuda/search/tool_fits.h"
 #include "cuda/update/updaters.h"
 
 namespace accessvdb::kernels {
@@ -191,6 +192,23 @@ class Implementation final : public CudaBackend {
              mark(slot, 2);
              launchUpdate(chunk, slot.stream);
            });
+  }
+
+  void fitTool(const FitRequest& request) override {
+    if (request.count == 0) return;
+    DeviceArray<ToolPlace> places;
+    DeviceArray<ToolFit> fits;
+    places.grow(*this, request.count, 0);
+    fits.grow(*this, request.count, 0);
+    places.upload(request.places, request.count);
+    FitRequest on_device = request;
+    on_device.places = places.data();
+    on_device.fits = fits.data();
+    {
+      const CurrentDevice current(context_->device());
+      launchToolFits(on_device, context_->stream());
+    }
+    download(request.fits, fits.data(), request.count * sizeof(ToolFit));
   }
 
   bool usesToolSlabs() const override { return true; }

@@ -17,6 +17,7 @@
 #include "launch/exact_updater.h"
 #include "launch/mirror_arena.h"
 #include "launch/paper_updater.h"
+#include "launch/tool_fits.h"
 
 namespace accessvdb::kernels {
 
@@ -66,6 +67,7 @@ class Backend : public DeviceMemory {
   virtual void writeSeen(const PointStateView& points, const std::uint32_t* ids, const std::uint64_t* rows,
                          std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
+  virtual void fitTool(const FitRequest& request) = 0;
   /// Only called if makeExactUpdater() gave null.
   [[nodiscard]] virtual std::unique_ptr<DueEvaluator> makeDueEvaluator(const DueUpdate& update) {
     (void)update;

@@ -33,6 +33,8 @@ try:
         AccessibilityField,
         ApproachParams,
         CapsuleAnswers,
+        FitAnswers,
+        PathFit,
         ChangeParams,
         Cut,
         CutOrder,

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "accessvdb/batch_query.h"
+#include "accessvdb/pose_query.h"
 #include "bindings/arrays.h"
 #include "bindings/columns.h"
 #include "bindings/parts.h"
@@ -22,6 +23,60 @@ struct PointAnswers {
 struct CapsuleAnswers {
   std::vector<CapsuleAnswer> rows;
 };
+struct FitAnswers {
+  std::vector<FitAnswer> rows;
+};
+
+/// One bool of each row.
+template <typename Rows, typename Is>
+py::array_t<bool> boolsOf(const Rows& rows, const Is& is) {
+  py::array_t<bool> all(static_cast<py::ssize_t>(rows.size()));
+  bool* out = all.mutable_data();
+  for (const auto& row : rows) *out++ = is(row);
+  return all;
+}
+
+/// @param T_WT  [n x 4 x 4]
+std::vector<Eigen::Isometry3d> posesFrom(const char* name, const py::object& T_WT) {
+  const py::object array = py::isinstance<py::array>(T_WT) ? T_WT : py::object(py::array::ensure(T_WT));
+  if (!array) throw InvalidArgument("python.array", name, "is not an array of numbers");
+  const py::tuple shape = array.attr("shape");
+  if (shape.size() != 3 || shape[1].cast<py::ssize_t>() != 4 || shape[2].cast<py::ssize_t>() != 4) {
+    throw InvalidArgument("python.shape", name, "has shape " + py::str(py::object(shape)).cast<std::string>(),
+                          "Pass (N, 4, 4), of one pose T[None]");
+  }
+  const auto rows = realArray<double>(name, array.attr("reshape")(-1, 4), kAnyNumber, 4);
+  std::vector<Eigen::Isometry3d> poses(static_cast<std::size_t>(rows.shape(0) / 4));
+  for (std::size_t n = 0; n < poses.size(); ++n) {
+    poses[n].matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(rows.data() + 16 * n);
+    if (poses[n].matrix().row(3) == Eigen::RowVector4d(0, 0, 0, 1)) continue;
+    throw UnusableInput("pose.last_row", name, "the last row of pose " + std::to_string(n) + " is not 0 0 0 1",
+                        "The position is there in a transposed matrix");
+  }
+  return poses;
+}
+
+std::size_t toolFrom(const py::object& tool) {
+  const double number = numberFrom("tool", tool);
+  if (!(number >= 0 && number < 1e6)) throw InvalidArgument("tool.index", "tool", "is not a tool of the field");
+  return static_cast<std::size_t>(number);
+}
+
+std::shared_ptr<FitAnswers> fits(LockedField& field, const py::object& T_WT, const py::object& tool, bool contact) {
+  const std::vector<Eigen::Isometry3d> poses = posesFrom("T_WT", T_WT);
+  const FitOptions options = {.tool = toolFrom(tool), .contact = contact};
+  return field.run([&](AccessibilityField& f) {
+    auto answers = std::make_shared<FitAnswers>();
+    answers->rows = f.poseQuery().fits(poses, options);
+    return answers;
+  });
+}
+
+PathFitAnswer fitsAlong(LockedField& field, const py::object& T_WT, const py::object& tool) {
+  const std::vector<Eigen::Isometry3d> poses = posesFrom("T_WT", T_WT);
+  const std::size_t k = toolFrom(tool);
+  return field.run([&](AccessibilityField& f) { return f.poseQuery().fitsAlong(poses, k); });
+}
 
 std::vector<Column> pointColumns() {
   using A = PointAnswer;
@@ -104,12 +159,34 @@ void bindAnswers(py::module_& module) {
   capsules.def_property_readonly(
       "free",
       [](const CapsuleAnswers& answers) {
-        py::array_t<bool> free(static_cast<py::ssize_t>(answers.rows.size()));
-        bool* out = free.mutable_data();
-        for (const CapsuleAnswer& answer : answers.rows) *out++ = answer.free();
-        return free;
+        return boolsOf(answers.rows, [](const CapsuleAnswer& answer) { return answer.free(); });
       },
       "(N,) bool, every voxel was seen to be free: valid, no collision, nothing unknown.");
+  using F = FitAnswer;
+  py::class_<FitAnswers, std::shared_ptr<FitAnswers>> fits(
+      module, "FitAnswers", "What a tool meets at the given poses, in their order. Columns are read-only views.");
+  addColumns(fits, &FitAnswers::rows,
+             {column("collisions", &F::collisions, "(N,) uint32, colliding voxels."),
+              column("collision_limit", &F::collision_limit, "(N,) uint32, fewest that block."),
+              column("unknown_voxels", &F::unknown_voxels, "(N,) uint32, neither observed nor cleared."),
+              column("valid", &F::valid, "(N,) bool, False: no pose, or out of range: nothing was looked at.")});
+  fits.def_property_readonly(
+          "collision", [](const FitAnswers& a) { return boolsOf(a.rows, [](const F& f) { return f.collision(); }); },
+          "(N,) bool, as many collisions as the limit, or not valid.")
+      .def_property_readonly(
+          "unknown", [](const FitAnswers& a) { return boolsOf(a.rows, [](const F& f) { return f.unknown(); }); },
+          "(N,) bool, some voxel was never observed, or not valid.")
+      .def_property_readonly(
+          "free", [](const FitAnswers& a) { return boolsOf(a.rows, [](const F& f) { return f.free(); }); },
+          "(N,) bool, no collision, and all of the tool was seen to be free.");
+  py::class_<PathFitAnswer>(module, "PathFit", "What a tool meets on its way from pose to pose.")
+      .def_readonly(
+          "first_hit", &PathFitAnswer::first_hit,
+          "Where it first collides: 1.25 is a quarter of the way from the second pose to the third; else NaN.")
+      .def_readonly("collision", &PathFitAnswer::collision)
+      .def_readonly("unknown", &PathFitAnswer::unknown)
+      .def_readonly("valid", &PathFitAnswer::valid)
+      .def_property_readonly("free", &PathFitAnswer::free);
 }
 
 void bindQueries(py::class_<LockedField>& field) {
@@ -118,7 +195,12 @@ void bindQueries(py::class_<LockedField>& field) {
            "Distance, weight, label, reason and direction at (N, 3) positions in the world frame.")
       .def("query_along", &queryAlong, py::arg("a_W"), py::arg("b_W"), py::arg("radius_m"),
            "What capsules meet: all positions within radius_m of the segments from a_W to b_W, (N, 3) each. radius_m: "
-           "one for all, or (N,).");
+           "one for all, or (N,).")
+      .def("fits", &fits, py::arg("T_WT"), py::kw_only(), py::arg("tool") = 0, py::arg("contact") = false,
+           "Whether a tool of the field fits at (N, 4, 4) poses, world from tool. contact: its tip touches a surface "
+           "point, as where the field scores it.")
+      .def("fits_along", &fitsAlong, py::arg("T_WT"), py::kw_only(), py::arg("tool") = 0,
+           "The same on the way from each of (N, 4, 4) poses to the next.");
 }
 
 }  // namespace accessvdb::python

@@ -9,6 +9,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/batch_query.h"
 #include "accessvdb/c_api.h"
+#include "accessvdb/pose_query.h"
 #include "capi/arrays_in.h"
 #include "capi/boundary.h"
 #include "capi/handles.h"
@@ -23,6 +24,9 @@ constexpr std::size_t kCapsuleBytes1 = 56;
 constexpr std::size_t kCapsuleAnswerBytes1 = 16;
 static_assert(sizeof(accessvdb_point_answer) >= kPointAnswerBytes1 && sizeof(accessvdb_capsule) >= kCapsuleBytes1 &&
               sizeof(accessvdb_capsule_answer) >= kCapsuleAnswerBytes1);
+
+constexpr std::size_t kFitBytes1 = 16, kPathFitBytes1 = 16;
+static_assert(sizeof(accessvdb_fit) >= kFitBytes1 && sizeof(accessvdb_path_fit) >= kPathFitBytes1);
 
 /// Answers converted at a time, so that memory does not grow with the query.
 constexpr std::size_t kAtATime = 1 << 16;
@@ -51,6 +55,25 @@ accessvdb_capsule_answer toC(const accessvdb::CapsuleAnswer& answer) {
   c.unknown = answer.unknown;
   c.valid = answer.valid;
   return c;
+}
+
+accessvdb_fit toC(const accessvdb::FitAnswer& answer) {
+  accessvdb_fit c = {};
+  c.collisions = answer.collisions;
+  c.collision_limit = answer.collision_limit;
+  c.unknown_voxels = answer.unknown_voxels;
+  c.collision = answer.collision();
+  c.unknown = answer.unknown();
+  c.valid = answer.valid;
+  c.free = answer.free();
+  return c;
+}
+
+std::vector<Eigen::Isometry3d> posesFrom(const double* T_WT, std::size_t count) {
+  capi::requireArray("T_WT", T_WT, count, 16 * sizeof(double), alignof(double));
+  std::vector<Eigen::Isometry3d> poses(count);
+  for (std::size_t n = 0; n < count; ++n) poses[n] = capi::poseFromC(T_WT + 16 * n);
+  return poses;
 }
 
 /// Writes answers of the caller's version.
@@ -99,5 +122,32 @@ int accessvdb_field_query_capsules(accessvdb_field* field, const accessvdb_capsu
     }
     writeAnswers<accessvdb::CapsuleAnswer>(query.along(questions), reinterpret_cast<unsigned char*>(answers),
                                            answer_size);
+  });
+}
+
+int accessvdb_field_fits(accessvdb_field* field, const double* T_WT, std::size_t count, std::uint32_t tool,
+                         int in_contact, accessvdb_fit* fits, std::size_t fit_size) noexcept {
+  return capi::onField(field, [&] {
+    capi::requireSize("fit_size", fit_size, kFitBytes1);
+    capi::requireArray("fits", fits, count, fit_size, alignof(accessvdb_fit));
+    const std::vector<accessvdb::FitAnswer> answers = field->field.poseQuery().fits(
+        posesFrom(T_WT, count), {.tool = tool, .contact = capi::requireBool("in_contact", in_contact)});
+    writeAnswers<accessvdb::FitAnswer>(answers, reinterpret_cast<unsigned char*>(fits), fit_size);
+  });
+}
+
+int accessvdb_field_fits_along(accessvdb_field* field, const double* T_WT, std::size_t count, std::uint32_t tool,
+                               accessvdb_path_fit* fit) noexcept {
+  return capi::onField(field, [&] {
+    capi::requirePointer("fit", fit);
+    const capi::OptionalOut<accessvdb_path_fit, kPathFitBytes1> out("fit", fit);
+    const accessvdb::PathFitAnswer answer = field->field.poseQuery().fitsAlong(posesFrom(T_WT, count), tool);
+    accessvdb_path_fit c = {};
+    c.collision = answer.collision;
+    c.unknown = answer.unknown;
+    c.valid = answer.valid;
+    c.free = answer.free();
+    c.first_hit = answer.first_hit;
+    out.write(c);
   });
 }

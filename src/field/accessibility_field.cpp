@@ -11,6 +11,7 @@
 #include "accessvdb/access_map.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
+#include "accessvdb/pose_query.h"
 #include "accessvdb/tsdf_volume.h"
 #include "accessvdb/what_if.h"
 #include "field/field_access.h"
@@ -202,6 +203,7 @@ std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_
 BatchQuery AccessibilityField::batchQuery() const {
   return impl_->views.query(internal::viewedParts(*impl_), impl_->arena);
 }
+PoseQuery AccessibilityField::poseQuery() const { return impl_->pose_fits.query(internal::fitInputs(*impl_)); }
 DeviceView AccessibilityField::deviceView() const { return impl_->views.view(internal::viewedParts(*impl_), true); }
 DeviceView AccessibilityField::hostView() const { return impl_->views.view(internal::viewedParts(*impl_), false); }
 std::uint64_t AccessibilityField::revision() const { return impl_->views.revision(); }

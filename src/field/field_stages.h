@@ -22,6 +22,7 @@
 #include "field/left_out_returns.h"
 #include "field/mirrors.h"
 #include "field/query/field_views.h"
+#include "field/query/pose_fits.h"
 #include "field/regions/what_if.h"
 #include "field/scan_gate.h"
 #include "field/tools/tools_of_field.h"
@@ -87,6 +88,7 @@ struct FieldStages {
   std::unique_ptr<UpdateScheduler> scheduler;
   int budget_points;  ///< of the next update
   FieldViews views;
+  PoseFits pose_fits;
   LabelState labels;
   std::optional<ScanUnderWay> under_way;         ///< between beginScan() and endScan()
   std::unique_ptr<WhatIfTables> what_if_tables;  ///< made when first needed

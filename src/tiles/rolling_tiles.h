@@ -265,12 +265,12 @@ class RollingTiles {
   double share_ = 1;
   std::vector<Ball> closed_;
   std::map<TileIndex, std::unique_ptr<RollingTile>> in_memory_;
-  std::map<TileIndex, StoredTile> stored_;    ///< disjoint from those in memory
-  MapTime updated_at_;                        ///< the last update
-  TileBytes growth_;                          ///< that the next step may take
-  TileBytes empty_;                           ///< of a tile without returns, once one was made
-  std::map<std::uint64_t, TileIndex> kept_;   ///< serials that the last result of saveAll() to be kept named
-  std::map<std::uint64_t, TileIndex> named_;  ///< by saveAll(), until it is known whether its result is kept
+  std::map<TileIndex, StoredTile> stored_;      ///< disjoint from those in memory
+  MapTime updated_at_;                          ///< the last update
+  TileBytes growth_;                            ///< that the next step may take
+  TileBytes empty_;                             ///< of a tile without returns, once one was made
+  std::map<std::uint64_t, TileIndex> kept_;     ///< serials that the last result of saveAll() to be kept named
+  std::map<std::uint64_t, TileIndex> named_;    ///< by saveAll(), until it is known whether its result is kept
   std::map<std::uint64_t, TileIndex> written_;  ///< serials whose files are not on the disk for good
   std::uint64_t serial_ = 0, saved_ = 0, loaded_ = 0, saved_ahead_ = 0, loaded_ahead_ = 0;
   std::vector<std::string> lost_;

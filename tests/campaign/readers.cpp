@@ -115,6 +115,7 @@ const std::array kReaders = {
     Reader{"boxes", [](const fs::path& file, std::uint64_t) { (void)io::readBoxes(file); }},
     Reader{"segments", [](const fs::path& file, std::uint64_t) { (void)io::readLabelledCloud(file); }},
     Reader{"positions", [](const fs::path& file, std::uint64_t) { (void)io::readPositions(file); }},
+    Reader{"tool_poses", [](const fs::path& file, std::uint64_t) { (void)io::readToolPoses(file); }},
     Reader{"state", readState},
     Reader{"tiles", readTiles},
     Reader{"field", readField, openedInField},

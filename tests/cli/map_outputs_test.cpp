@@ -237,6 +237,24 @@ TEST_F(MapOutputs, AccessMapSaysWhatStopsEachDirection) {
     EXPECT_EQ(result.exit_code, code) << result.err;
     EXPECT_NE(result.err.find("error[" + id + "]"), std::string::npos) << result.err;
   };
+  // The tool in the voxel of that point, and far from everything.
+  writeText("poses.txt", "2 0.1 0 0 0 0 1\n500 0 0 1 0 0 0\n");
+  const ProgramResult fits = query("state", {"--tool", tool, "--fits", path("poses.txt"), "--contact"});
+  ASSERT_EQ(fits.exit_code, 0) << fits.err;
+  EXPECT_EQ(fits.out.find("collisions,collision_limit,unknown_voxels,collision,unknown,valid,free\n"), 0U) << fits.out;
+  EXPECT_EQ(std::count(fits.out.begin(), fits.out.end(), '\n'), 3) << fits.out;
+  const ProgramResult as_json = query("state", {"--tool", tool, "--fits", path("poses.txt"), "--json"});
+  const json answers = json::parse(as_json.out);
+  ASSERT_EQ(answers.size(), 2U);
+  EXPECT_EQ(answers[1]["collision"], false);
+  EXPECT_EQ(answers[1]["unknown"], true);
+  EXPECT_EQ(answers[1]["free"], false);
+  const ProgramResult along = query("state", {"--tool", tool, "--fits", path("poses.txt"), "--along"});
+  EXPECT_EQ(along.exit_code, 0) << along.err;
+  expectRefused(query("out", {"--tool", tool, "--fits", path("poses.txt")}), 2, "usage.fits");
+  expectRefused(query("state", {"--tool", tool, "--fits", path("poses.txt"), "--at", at}), 2, "usage.fits");
+  expectRefused(query("state", {"--tool", tool, "--fits", path("poses.txt"), "--along", "--contact"}), 2, "usage.fits");
+  expectRefused(query("state", {"--tool", tool, "--fits", path("none.txt")}), 3, "input.missing");
   expectRefused(query("out", {"--tool", tool, "--at", at, "--access-map", path("no.png")}), 2, "usage.access_map");
   expectRefused(query("state", {"--at", at, "--access-map", path("no.png")}), 2, "usage.missing");
   expectRefused(query("state", {"--tool", tool, "--at", at, "--at", at, "--access-map", path("no.png")}), 2,

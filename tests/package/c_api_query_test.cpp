@@ -5,11 +5,13 @@
 
 #include <cmath>
 #include <cstring>
+#include <span>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/batch_query.h"
 #include "accessvdb/c_api.h"
+#include "accessvdb/pose_query.h"
 #include "package/walked_fields.h"
 
 namespace {
@@ -107,6 +109,62 @@ TEST_F(CApiQuery, CapsulesAsInCpp) {
   expectUsage(
       accessvdb_field_query_capsules(c_, &later[0].known, sizeof later[0], c.size(), of_later.data(), sizeof c[0]),
       "c_api.unknown_fields");
+}
+
+TEST_F(CApiQuery, FitsAsInCpp) {
+  struct Later {
+    accessvdb_fit known;
+    std::uint64_t of_tomorrow;
+  };
+  std::vector<Eigen::Isometry3d> T_WT;
+  std::vector<double> rows;
+  for (std::size_t n = 0; n < 300; ++n) {
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    pose.translation() = n == 3 ? Eigen::Vector3d(1e9, 0, 0) : points_W_[n];
+    pose.linear() = Eigen::AngleAxisd(0.1 * static_cast<double>(n), Eigen::Vector3d(1, 2, 3).normalized()).matrix();
+    T_WT.push_back(pose);
+    for (Eigen::Index row = 0; row < 4; ++row)
+      for (Eigen::Index column = 0; column < 4; ++column) rows.push_back(pose.matrix()(row, column));
+  }
+  for (const int contact : {0, 1}) {
+    const auto cpp = cpp_.poseQuery().fits(T_WT, {.contact = contact != 0});
+    std::vector<accessvdb_fit> c(T_WT.size());
+    std::vector<Later> later(T_WT.size(), Later{{}, 9});
+    ASSERT_EQ(accessvdb_field_fits(c_, rows.data(), c.size(), 0, contact, c.data(), sizeof c[0]), ACCESSVDB_OK);
+    ASSERT_EQ(accessvdb_field_fits(c_, rows.data(), c.size(), 0, contact, &later[0].known, sizeof later[0]),
+              ACCESSVDB_OK);
+    std::size_t collisions = 0;
+    for (std::size_t n = 0; n < c.size(); ++n) {
+      ASSERT_EQ(c[n].collisions, cpp[n].collisions);
+      ASSERT_EQ(c[n].collision_limit, cpp[n].collision_limit);
+      ASSERT_EQ(c[n].unknown_voxels, cpp[n].unknown_voxels);
+      ASSERT_EQ(c[n].collision, std::uint8_t{cpp[n].collision()});
+      ASSERT_EQ(c[n].unknown, std::uint8_t{cpp[n].unknown()});
+      ASSERT_EQ(c[n].free, std::uint8_t{cpp[n].free()});
+      ASSERT_EQ(c[n].valid, n == 3 ? 0 : 1);
+      ASSERT_EQ(std::memcmp(&c[n], &later[n].known, sizeof c[n]), 0);
+      ASSERT_EQ(later[n].of_tomorrow, 0U);
+      collisions += c[n].collision;
+    }
+    EXPECT_GT(collisions, contact == 0 ? 50U : 0U);
+  }
+  const std::span<const Eigen::Isometry3d> way(T_WT.data() + 10, 5);
+  const accessvdb::PathFitAnswer along = cpp_.poseQuery().fitsAlong(way);
+  accessvdb_path_fit c = {};
+  c.struct_size = sizeof c;
+  ASSERT_EQ(accessvdb_field_fits_along(c_, rows.data() + 160, 5, 0, &c), ACCESSVDB_OK);
+  EXPECT_EQ(c.valid, 1);
+  EXPECT_EQ(c.collision, std::uint8_t{along.collision});
+  EXPECT_TRUE(c.first_hit == along.first_hit || (std::isnan(c.first_hit) && std::isnan(along.first_hit)));
+  accessvdb_fit fit = {};
+  expectUsage(accessvdb_field_fits(c_, nullptr, 1, 0, 0, &fit, sizeof fit), "c_api.null");
+  expectUsage(accessvdb_field_fits(c_, rows.data(), 1, 0, 0, nullptr, sizeof fit), "c_api.null");
+  expectUsage(accessvdb_field_fits(c_, rows.data(), 1, 0, 0, &fit, 4), "c_api.struct_size");
+  expectUsage(accessvdb_field_fits(c_, rows.data(), 1, 0, 2, &fit, sizeof fit), "c_api.value");
+  expectUsage(accessvdb_field_fits(c_, rows.data(), 1, 7, 0, &fit, sizeof fit), "tool.index");
+  expectUsage(accessvdb_field_fits_along(c_, rows.data(), 1, 0, nullptr), "c_api.null");
+  rows[12] = 1;
+  EXPECT_NE(accessvdb_field_fits(c_, rows.data(), 1, 0, 0, &fit, sizeof fit), ACCESSVDB_OK);
 }
 
 TEST_F(CApiQuery, Refusals) {

@@ -49,6 +49,37 @@ class Query(unittest.TestCase):
         del answers
         np.testing.assert_array_equal(label, expected)
 
+    def test_the_tool_fits_where_it_touches_and_not_in_the_wall(self):
+        s = self.snapshot
+        accessible = np.flatnonzero(s.label == accessvdb.PointLabel.ACCESSIBLE)[:200]
+        T_WT = np.repeat(np.eye(4)[None], len(accessible), axis=0)
+        T_WT[:, :3, 3] = s.position_W[accessible]
+        T_WT[:, :3, 0] = s.direction_W[accessible]  # yaw: the body lies level, and z is up
+        T_WT[:, :3, 1] = np.cross([0, 0, 1], s.direction_W[accessible])
+        T_WT[:, :3, :3] = np.linalg.svd(T_WT[:, :3, :3])[0] @ np.linalg.svd(T_WT[:, :3, :3])[2]
+        contact = self.field.fits(T_WT, contact=True)
+        self.assertTrue(contact.valid.all())
+        self.assertFalse(contact.collision.any())
+        np.testing.assert_array_equal(contact.collisions, s.score[accessible])
+        into = T_WT.copy()
+        into[:, :3, 3] -= 0.4 * s.direction_W[accessible]
+        inside = self.field.fits(into)
+        self.assertTrue(inside.collision.all())
+        self.assertFalse(inside.free.any())
+        self.assertEqual(set(inside.records.dtype.names), {"collisions", "collision_limit", "unknown_voxels", "valid"})
+        bad = self.field.fits(np.full((2, 4, 4), np.eye(4)) * [[[2, 2, 2, 1]] * 3 + [[1, 1, 1, 1]]])
+        self.assertFalse(bad.valid.any() or bad.free.any())
+        way = self.field.fits_along(np.stack([T_WT[0], into[0]]))
+        self.assertTrue(way.valid and way.collision and 0 <= way.first_hit < 1 and not way.free)
+        self.assertEqual(len(self.field.fits(np.empty((0, 4, 4)))), 0)
+        for wrong in (np.eye(4), np.zeros((2, 3, 4)), "no"):
+            with self.assertRaises(accessvdb.InvalidArgument):
+                self.field.fits(wrong)
+        with self.assertRaises(accessvdb.UnusableInput):
+            self.field.fits(np.ones((1, 4, 4)))
+        with self.assertRaises(accessvdb.InvalidArgument):
+            self.field.fits(T_WT, tool=3)
+
     def test_after_a_change(self):
         field = walls.field(frames=1)
         before = field.query([[3, 0.9, 0]])

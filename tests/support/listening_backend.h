@@ -25,6 +25,7 @@ class ListeningBackend final : public kernels::Backend {
   void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
   void writeSeen(const kernels::PointStateView&, const std::uint32_t*, const std::uint64_t*, std::size_t) override {}
   void scorePoints(const kernels::ScoreRequest&) override {}
+  void fitTool(const kernels::FitRequest&) override {}
   std::unique_ptr<kernels::ExactUpdater> makeExactUpdater(const kernels::ExactTables& tables) override {
     return make_exact_(tables);
   }

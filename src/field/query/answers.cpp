@@ -108,6 +108,18 @@ AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t to
   return map;
 }
 
+FitInputs fitInputs(FieldStages& field) {
+  field.steps.requireWhole();
+  const ScoringTables tables = field.tools.front().setup.tables(field.mirrors.grid());
+  return {&field.map,
+          field.backend,
+          tables.map,
+          &field.tools,
+          field.gate.origin_W(),
+          &field.arena,
+          field.views.revisionCounter()};
+}
+
 ViewInputs viewedParts(FieldStages& field) {
   field.steps.requireWhole();
   std::vector<ViewedTool> tools;

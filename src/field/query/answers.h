@@ -28,6 +28,9 @@ namespace accessvdb::internal {
 /// @throws InvalidArgument "tool.index"
 [[nodiscard]] AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t tool);
 
+/// What poses are tried against. @throws ResourceLimit "field.broken"
+[[nodiscard]] FitInputs fitInputs(FieldStages& field);
+
 /// What views show. @throws ResourceLimit "field.broken"
 [[nodiscard]] ViewInputs viewedParts(FieldStages& field);
 

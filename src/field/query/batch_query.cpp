@@ -5,10 +5,9 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <string>
-
 #include "accessvdb/error.h"
 #include "field/query/batch_query_impl.h"
+#include "field/query/query_sizes.h"
 #include "field/tools/tool_heading.h"
 
 namespace accessvdb {
@@ -44,13 +43,6 @@ namespace {
 /// Enough to be worth a task, few enough to spread.
 constexpr std::size_t kPointsPerTask = 2048, kCapsulesPerTask = 4;
 
-void requireSizes(std::size_t questions, std::size_t answers) {
-  if (questions == answers) return;
-  throw InvalidArgument("query.sizes", "",
-                        std::to_string(questions) + " questions and room for " + std::to_string(answers) + " answers",
-                        "Pass arrays of the same length");
-}
-
 void requireCurrent(const BatchQuery& query) {
   if (query.current()) return;
   throw InvalidArgument("query.stale", "", "the field has changed since this query was made",
@@ -64,7 +56,7 @@ std::uint64_t BatchQuery::revision() const { return impl_->revision; }
 bool BatchQuery::current() const { return impl_->current(); }
 
 void BatchQuery::at(std::span<const Eigen::Vector3d> points_W, std::span<PointAnswer> answers) const {
-  requireSizes(points_W.size(), answers.size());
+  internal::requireSizes(points_W.size(), answers.size());
   requireCurrent(*this);
   impl_->arena->execute([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points_W.size(), kPointsPerTask), [&](const auto& range) {
@@ -90,7 +82,7 @@ std::vector<PointAnswer> BatchQuery::at(const Eigen::Ref<const Eigen::Matrix3Xd>
 }
 
 void BatchQuery::along(std::span<const CapsuleQuery> capsules, std::span<CapsuleAnswer> answers) const {
-  requireSizes(capsules.size(), answers.size());
+  internal::requireSizes(capsules.size(), answers.size());
   requireCurrent(*this);
   impl_->arena->execute([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, capsules.size(), kCapsulesPerTask), [&](const auto& range) {

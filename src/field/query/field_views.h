@@ -50,6 +50,7 @@ class FieldViews {
   /// Call before the field changes: all existing views become out of date.
   void expire() { revision_->fetch_add(1, std::memory_order_acq_rel); }
   [[nodiscard]] std::uint64_t revision() const { return revision_->load(std::memory_order_acquire); }
+  [[nodiscard]] std::shared_ptr<const std::atomic<std::uint64_t>> revisionCounter() const { return revision_; }
 
   [[nodiscard]] BatchQuery query(const ViewInputs& parts, tbb::task_arena& arena);
   /// @throws DeviceError if the field's backend is not of this kind

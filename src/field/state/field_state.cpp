@@ -66,8 +66,7 @@ void saveState(const FieldStages& field, const std::filesystem::path& file, io::
 void restoreState(FieldStages& field, StateReader& state) {
   const StateHead& head = state.head();
   if (head.origin_W) field.gate.restoreOrigin(*head.origin_W);
-  state.readInto(field.map, field.tools.stores(),
-                 [&](auto facts, auto leaves) { field.mirrors.take(facts, leaves); });
+  state.readInto(field.map, field.tools.stores(), [&](auto facts, auto leaves) { field.mirrors.take(facts, leaves); });
   if (field.gone_cells) state.readGone(*field.gone_cells, field.gone_points);
   field.left_out.restore(state, field.mirrors);
   const bool scored = restoreLabels(field, state);

@@ -108,14 +108,14 @@ void StateReader::readHead() {
   }
   // No product overflows: ids and file sizes bound the factors.
   const std::uint64_t left = in_.fileBytes();
-  const bool small =
-      head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValuesBytes &&
-      head_.voxel_bytes <= left &&
-      head_.leaves_with_votes <= left / kLeafVoteBytes && head_.leaves_with_before <= left / kLeafBeforeBytes &&
-      head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
-      head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes &&
-      head_.left_out_leaves <= left / kLeftOutLeafBytes && head_.closed_cubes <= left / kClosedCubeBytes &&
-      head_.split_points <= left / kSplitPointBytes && head_.votes <= left / kVoteBytes;
+  const bool small = head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValuesBytes &&
+                     head_.voxel_bytes <= left && head_.leaves_with_votes <= left / kLeafVoteBytes &&
+                     head_.leaves_with_before <= left / kLeafBeforeBytes &&
+                     head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
+                     head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes &&
+                     head_.left_out_leaves <= left / kLeftOutLeafBytes &&
+                     head_.closed_cubes <= left / kClosedCubeBytes && head_.split_points <= left / kSplitPointBytes &&
+                     head_.votes <= left / kVoteBytes;
   const std::uint64_t columns = head_.params.carry.size();
   const std::uint64_t sections = std::uint64_t{head_.tools.empty() ? 5u : 6u} + (columns > 0 ? 1 : 0);
   const std::uint64_t expected =

@@ -96,5 +96,24 @@ TEST(InputText, PositionsInBothSpellings) {
                 {"line 2"});
 }
 
+TEST(InputText, PosesOfATool) {
+  const TempFolder folder;
+  const auto poses = readToolPoses(folder.write("a.txt", "# tip\n1 2 3 1 0 0 0\n\n4,5,6,0.7071068,0,0,0.7071068\n"));
+  ASSERT_EQ(poses.size(), 2U);
+  EXPECT_EQ(poses[0].translation(), Eigen::Vector3d(1, 2, 3));
+  EXPECT_TRUE(poses[0].linear().isIdentity());
+  EXPECT_TRUE((poses[1].linear() * Eigen::Vector3d::UnitX()).isApprox(Eigen::Vector3d::UnitY(), 1e-6));
+  const auto named = readToolPoses(folder.write("b.txt", "id,qx,qy,qz,qw,x,y,z\n7,0,0,0,1,1,2,3\n"));
+  ASSERT_EQ(named.size(), 1U);
+  EXPECT_TRUE(named[0].isApprox(poses[0]));
+  EXPECT_TRUE(readToolPoses(folder.write("c.txt", "# nothing\n")).empty());
+  const char* good = "1 2 3 1 0 0 0\n";
+  for (const char* bad : {"1 2 3\n", "1 2 3 1 0 0 0 0\n", "1 2 3 nan 0 0 0\n", "1 2 3 0.5 0 0 0\n", "1 2 x 1 0 0 0\n"})
+    expectError([&] { (void)readToolPoses(folder.write("d.txt", std::string(good) + bad)); }, ErrorCode::Input,
+                "input.malformed", {"line 2"});
+  expectError([&] { (void)readToolPoses(folder.write("e.txt", "x y z qw qx qy\n")); }, ErrorCode::Input,
+              "input.malformed", {"qz"});
+}
+
 }  // namespace
 }  // namespace accessvdb::io

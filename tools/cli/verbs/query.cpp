@@ -24,6 +24,7 @@
 #include "output/output_files.h"
 #include "runs/access_map.h"
 #include "runs/checked_results.h"
+#include "runs/tool_fits.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -183,7 +184,8 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   FlagParser flags;
   flags.describe("query", "Prints label, reason, best direction, score, confidence and distance at points.",
                  "accessvdb query --map out/ --at 1.2,-0.4,0.9 --json\n"
-                 "  accessvdb query --map out/ --table > table.csv");
+                 "  accessvdb query --map out/ --table > table.csv\n"
+                 "  accessvdb query --map checkpoint/ --tool pruner.stl --tool-unit mm --fits poses.txt");
   addCommonOptions(flags, common);
   flags.option("--map", &map, "output folder of accessvdb map");
   flags.list("--at", at, "X,Y,Z in the world frame, metres; may be repeated");
@@ -201,15 +203,22 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   addToolsOptions(flags, access.given);
   addOrientationOptions(flags, access.given);
   flags.option("--for-tool", &access.for_tool,
-               "with --access-map and several tools, given as for map: name of the tool to draw; default: the first "
-               "that reaches the point, else the one that comes closest");
+               "with --access-map, --fits and several tools, given as for map: name of the tool; default: the first, "
+               "with --access-map the first that reaches the point, else the one that comes closest");
+  ToolFitOptions fits;
+  flags.option("--fits", &fits.poses,
+               "text file of poses of the tool, one \"x y z qw qx qy qz\" per line, tip and orientation in the world "
+               "frame: what it meets there, as CSV; --map as for --access-map");
+  flags.flag("--contact", fits.contact,
+             "with --fits: the tip touches a surface point there, as where the map scores it");
+  flags.flag("--along", fits.along, "with --fits: the poses are a way, on which the tool moves from each to the next");
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
   if (map.empty())
     throw InvalidArgument("usage.missing", "--map", "is missing", "Name the output folder of accessvdb map");
   if (table) {
-    if (!at.empty() || !points_file.empty() || json || !access.picture.empty())
+    if (!at.empty() || !points_file.empty() || json || !access.picture.empty() || !fits.poses.empty())
       throw InvalidArgument("usage.table", "--table", "is of the whole map, as CSV", "Give --map and --table alone");
     io::OutputCheck check(allow_changed);
     const std::string text = io::csvOf(io::pointTable(map, check));
@@ -217,8 +226,23 @@ int runQuery(const Arguments& arguments, Messages& messages) {
     printData(text);
     return 0;
   }
+  if (!fits.poses.empty()) {
+    if (!at.empty() || !points_file.empty() || !access.picture.empty())
+      throw InvalidArgument("usage.fits", "--fits", "has its own poses", "Leave --at, --points and --access-map out");
+    fits.given = access.given;
+    fits.given.common = fits.common = common;
+    fits.map = map;
+    fits.for_tool = access.for_tool;
+    fits.json = json;
+    fits.allow_changed = allow_changed;
+    printToolFits(fits, messages);
+    return 0;
+  }
+  if (fits.contact || fits.along)
+    throw InvalidArgument("usage.fits", fits.contact ? "--contact" : "--along", "is only for --fits",
+                          "Add --fits FILE");
   if (at.empty() == points_file.empty()) {
-    throw InvalidArgument("usage.missing", "query", "needs --at X,Y,Z, --points FILE or --table",
+    throw InvalidArgument("usage.missing", "query", "needs --at X,Y,Z, --points FILE, --fits FILE or --table",
                           "See accessvdb query --help");
   }
   std::vector<Eigen::Vector3d> positions_W;

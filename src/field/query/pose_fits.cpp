@@ -1,0 +1,305 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/query/pose_fits.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <span>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "field/query/query_sizes.h"
+#include "tool/tool_rolls.h"
+#include "tool/tool_solid.h"
+#include "tsdf/leaf_facts.h"
+
+namespace accessvdb {
+namespace internal {
+namespace {
+
+/// Of two rotations that are the same but for rounding, entries differ by at most this.
+constexpr double kSameRotation = 1e-5;
+
+}  // namespace
+
+kernels::ToolBitmapView FittedTool::bitmap(kernels::Backend& backend, double voxel_size_m) {
+  if (!bitmap_) {
+    auto made = std::make_unique<ToolBitmap>(tool_, voxel_size_m);
+    d_words_.grow(backend, made->words.size(), 0);
+    d_words_.upload(made->words.data(), made->words.size());
+    bitmap_ = std::move(made);
+  }
+  kernels::ToolBitmapView view = bitmap_->view();
+  view.words = d_words_.data();
+  return view;
+}
+
+Eigen::Matrix3d FittedTool::ownOrientation(const Eigen::Matrix3d& R_WT) {
+  if (own_.empty()) {
+    const ToolRolls rolls = scoring_.setup.tool().rolls;
+    for (const ToolOrientation& orientation : ExpandedOrientations::of(scoring_.params.approach).all) {
+      for (int roll = 0; roll < rolls.count; ++roll) own_.push_back(rolledBy(orientation, rolls, roll).R_WT);
+    }
+  }
+  const auto own = std::ranges::find_if(
+      own_, [&](const Eigen::Matrix3d& R) { return (R - R_WT).cwiseAbs().maxCoeff() <= kSameRotation; });
+  return own == own_.end() ? R_WT : *own;
+}
+
+}  // namespace internal
+
+namespace {
+
+using internal::FittedTool;
+using kernels::ToolFit;
+using kernels::ToolPlace;
+
+constexpr std::size_t kPosesAtOnce = std::size_t{1} << 16;
+constexpr double kMostTries = 1 << 20;
+
+/// Facts of leaves, as the mirror has them.
+class CollidingLeaves {
+ public:
+  explicit CollidingLeaves(const internal::PackedMap& map) : map_(map), accessor_(map.tree()) {}
+
+  [[nodiscard]] const LeafChange& at(const openvdb::Coord& origin) {
+    const auto [found, is_new] = leaves_.try_emplace({origin.x(), origin.y(), origin.z()});
+    if (is_new) found->second = factsAt(origin);
+    return found->second;
+  }
+
+ private:
+  [[nodiscard]] LeafChange factsAt(const openvdb::Coord& origin) {
+    if (const internal::PackedLeaf* leaf = accessor_.probeConstLeaf(origin))
+      return internal::factsWithLeftOut(map_, *leaf);
+    LeafChange facts = {};
+    if (const LeafBits* left_out = map_.leftOut().find(origin)) facts.collides_on = *left_out;
+    return facts;
+  }
+
+  const internal::PackedMap& map_;
+  internal::ConstPackedAccessor accessor_;
+  std::map<std::array<std::int32_t, 3>, LeafChange> leaves_;
+};
+
+/// The tool in the voxel of its tip, as the field's tables have it.
+FitAnswer fitInContact(FittedTool& tool, const internal::PackedMap& map, const Eigen::Matrix3d& R_WT,
+                       const ToolPlace& place) {
+  const FieldParams& params = tool.scoring().params;
+  const double v = params.tsdf.voxel_size_m;
+  std::vector<Eigen::Vector3d> vertices;
+  for (const Eigen::Vector3f& p : tool.geometry().vertices_T()) vertices.push_back(R_WT * p.cast<double>() / v);
+  const internal::SolidVoxels voxels =
+      internal::ToolSolid(tool.geometry()).voxels(vertices, v, params.scoring.self_exclusion_voxels);
+  CollidingLeaves leaves(map);
+  FitAnswer answer;
+  answer.valid = true;
+  answer.collision_limit = tool.scoring().collisionLimit();
+  for (const internal::VoxelRun& run : voxels.runs) {
+    const std::int32_t x = place.anchor[0] + run.i, y = place.anchor[1] + run.j;
+    for (std::int32_t z = place.anchor[2] + run.lo; z <= place.anchor[2] + run.hi; ++z) {
+      const LeafChange& facts = leaves.at({x & ~7, y & ~7, z & ~7});
+      const std::uint64_t bit = std::uint64_t{1} << (8 * (y & 7) + (z & 7));
+      const auto word = static_cast<std::size_t>(x & 7);
+      const bool collides = (facts.collides_on[word] & bit) != 0;
+      answer.collisions += collides ? 1 : 0;
+      answer.unknown_voxels += !collides && (facts.arm_free_on[word] & bit) == 0 ? 1 : 0;
+    }
+  }
+  return answer;
+}
+
+/// A way from pose to pose in tries.
+struct Way {
+  std::vector<std::size_t> tries;  ///< of each part, its end included
+  std::size_t all = 1;             ///< with the first pose
+};
+
+/// @return nothing if it takes too many
+std::optional<Way> divided(std::span<const Eigen::Isometry3d> T_WT, double reach_m, double voxel_size_m) {
+  Way way;
+  double all = 1;
+  for (std::size_t n = 0; n + 1 < T_WT.size(); ++n) {
+    const Eigen::AngleAxisd turn(T_WT[n].linear().transpose() * T_WT[n + 1].linear());
+    const double moved_m =
+        (T_WT[n + 1].translation() - T_WT[n].translation()).norm() + std::abs(turn.angle()) * reach_m;
+    const double tries = std::max(1.0, std::ceil(2 * moved_m / voxel_size_m));
+    if (!((all += tries) <= kMostTries)) return std::nullopt;
+    way.tries.push_back(static_cast<std::size_t>(tries));
+    way.all += way.tries.back();
+  }
+  return way;
+}
+
+}  // namespace
+
+struct ACCESSVDB_PRIVATE PoseQuery::Impl {
+  internal::FitInputs field;
+  internal::PoseFits* fits = nullptr;
+  std::uint64_t revision = 0;
+
+  void requireCurrent() const {
+    if (field.field_revision->load(std::memory_order_acquire) == revision) return;
+    throw InvalidArgument("query.stale", "", "the field has changed since this query was made",
+                          "Take a new one from poseQuery() after each integrateScan() and update()");
+  }
+  [[nodiscard]] FittedTool& tool(std::size_t k) const {
+    static_cast<void>(field.tools->at(k));  // throws for one that is not there
+    return *fits->tools_[k];
+  }
+  [[nodiscard]] ToolPlace placeOf(const Eigen::Isometry3d& T_WT, bool& valid) const {
+    const Eigen::Vector3d tip_L = T_WT.translation() - field.origin_W;
+    const Eigen::Matrix3d R_WT = T_WT.linear();
+    ToolPlace place;
+    valid = kernels::makeToolPlace(R_WT.data(), tip_L.data(), field.mirror.inverse_voxel_size, place);
+    return place;
+  }
+  /// @param T_WT  all valid
+  std::vector<ToolFit> fitAll(std::span<const ToolPlace> places, std::size_t k, std::uint32_t stop_at) const {
+    std::vector<ToolFit> answers(places.size());
+    const std::scoped_lock lock(fits->mutex_);
+    const kernels::ToolBitmapView bitmap = tool(k).bitmap(*field.backend, field.map->params().voxel_size_m);
+    field.backend->waitForMirror();
+    field.arena->execute([&] {
+      field.backend->fitTool({field.mirror, bitmap, places.data(), answers.data(), places.size(), stop_at});
+    });
+    return answers;
+  }
+};
+
+PoseQuery::PoseQuery(std::shared_ptr<const Impl> impl) : impl_(std::move(impl)) {}
+std::uint64_t PoseQuery::revision() const { return impl_->revision; }
+bool PoseQuery::current() const {
+  return impl_->field.field_revision->load(std::memory_order_acquire) == impl_->revision;
+}
+
+void PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, std::span<FitAnswer> answers,
+                     const FitOptions& options) const {
+  internal::requireSizes(T_WT.size(), answers.size());
+  impl_->requireCurrent();
+  FittedTool& tool = impl_->tool(options.tool);
+  if (options.contact) {
+    std::vector<Eigen::Matrix3d> R_WT(T_WT.size());
+    {
+      const std::scoped_lock lock(impl_->fits->mutex_);
+      for (std::size_t n = 0; n < T_WT.size(); ++n) R_WT[n] = tool.ownOrientation(T_WT[n].linear());
+    }
+    impl_->field.arena->execute([&] {
+      tbb::parallel_for(std::size_t{0}, T_WT.size(), [&](std::size_t n) {
+        bool valid = false;
+        const ToolPlace place = impl_->placeOf(T_WT[n], valid);
+        answers[n] = valid ? fitInContact(tool, *impl_->field.map, R_WT[n], place) : FitAnswer{};
+      });
+    });
+    return;
+  }
+  for (std::size_t first = 0; first < T_WT.size(); first += kPosesAtOnce) {
+    const std::size_t count = std::min(T_WT.size() - first, kPosesAtOnce);
+    const std::span<FitAnswer> part = answers.subspan(first, count);
+    std::vector<ToolPlace> places(count);  // of a bad pose, any
+    const auto forEach = [&](const auto& visit) {
+      impl_->field.arena->execute([&] { tbb::parallel_for(std::size_t{0}, count, visit); });
+    };
+    forEach([&](std::size_t n) {
+      part[n] = {};
+      places[n] = impl_->placeOf(T_WT[first + n], part[n].valid);
+    });
+    const std::vector<ToolFit> found = impl_->fitAll(places, options.tool, 0);
+    forEach([&](std::size_t n) {
+      if (!part[n].valid) return;
+      part[n].valid = found[n].valid;
+      part[n].collisions = found[n].collisions;
+      part[n].unknown_voxels = found[n].unknown;
+    });
+  }
+}
+
+std::vector<FitAnswer> PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, const FitOptions& options) const {
+  std::vector<FitAnswer> answers(T_WT.size());
+  fits(T_WT, answers, options);
+  return answers;
+}
+
+kernels::ToolBitmapView PoseQuery::toolView(std::size_t tool) const {
+  FittedTool& fitted = impl_->tool(tool);
+  const std::scoped_lock lock(impl_->fits->mutex_);
+  return fitted.bitmap(*impl_->field.backend, impl_->field.map->params().voxel_size_m);
+}
+
+PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std::size_t tool) const {
+  impl_->requireCurrent();
+  const double voxel_size_m = impl_->field.map->params().voxel_size_m;
+  PathFitAnswer answer;
+  const FittedTool& fitted = impl_->tool(tool);
+  for (const Eigen::Isometry3d& pose : T_WT) {
+    bool valid = false;
+    static_cast<void>(impl_->placeOf(pose, valid));
+    if (!valid) return answer;
+  }
+  const std::optional<Way> way = T_WT.empty() ? std::nullopt : divided(T_WT, fitted.geometry().reach_m(), voxel_size_m);
+  if (!way) return answer;
+  answer.collision = answer.unknown = false;
+  std::vector<ToolPlace> places;
+  std::vector<double> at;
+  // Few at first: most ways that collide do so soon.
+  std::size_t at_once = 64;
+  const auto tryThem = [&] {
+    const std::vector<ToolFit> found = impl_->fitAll(places, tool, 1);
+    for (std::size_t n = 0; n < found.size() && !answer.collision; ++n) {
+      if (!found[n].valid) return false;
+      answer.collision = found[n].collisions > 0;
+      if (answer.collision) answer.first_hit = at[n];
+      answer.unknown = answer.unknown || (!answer.collision && found[n].unknown > 0);
+    }
+    places.clear();
+    at.clear();
+    at_once = std::min(4 * at_once, kPosesAtOnce);
+    return true;
+  };
+  const auto add = [&](const Eigen::Isometry3d& pose, double where) {
+    bool valid = false;
+    places.push_back(impl_->placeOf(pose, valid));
+    at.push_back(where);
+    return valid && (places.size() < at_once || tryThem());
+  };
+  bool fine = add(T_WT.front(), 0);
+  for (std::size_t n = 0; fine && !answer.collision && n + 1 < T_WT.size(); ++n) {
+    const Eigen::Quaterniond from(T_WT[n].linear()), to(T_WT[n + 1].linear());
+    for (std::size_t k = 1; fine && !answer.collision && k <= way->tries[n]; ++k) {
+      if (k == way->tries[n]) {
+        fine = add(T_WT[n + 1], static_cast<double>(n + 1));
+        break;
+      }
+      const double t = static_cast<double>(k) / static_cast<double>(way->tries[n]);
+      Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+      pose.linear() = from.slerp(t, to).normalized().toRotationMatrix();
+      pose.translation() = (1 - t) * T_WT[n].translation() + t * T_WT[n + 1].translation();
+      fine = add(pose, static_cast<double>(n) + t);
+    }
+  }
+  if (fine && !answer.collision && !places.empty()) fine = tryThem();
+  if (!fine) return {};
+  answer.valid = true;
+  return answer;
+}
+
+PoseQuery internal::PoseFits::query(const FitInputs& field) {
+  if (tools_.empty()) {
+    for (std::size_t k = 0; k < field.tools->size(); ++k) {
+      tools_.push_back(std::make_unique<FittedTool>(field.tools->specs()[k].tool, field.tools->at(k)));
+    }
+  }
+  auto impl = std::make_shared<PoseQuery::Impl>();
+  impl->field = field;
+  impl->fits = this;
+  impl->revision = field.field_revision->load(std::memory_order_acquire);
+  return PoseQuery(impl);
+}
+
+}  // namespace accessvdb

@@ -1,0 +1,300 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The tool at any pose: against exact distances, against the field's own counts, and for what cannot be a pose.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include "accessvdb/access_map.h"
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/batch_query.h"
+#include "accessvdb/device_view.h"
+#include "accessvdb/error.h"
+#include "accessvdb/pose_query.h"
+#include "accessvdb/tool_spec.h"
+#include "support/walk_generator.h"
+
+namespace accessvdb {
+namespace {
+
+constexpr double kVoxel_m = 0.02, kRadius_m = 0.5;
+const Eigen::Vector3d kCentre_W(0, 0, 2);
+
+struct Random {
+  double uniform(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine); }
+  Eigen::Vector3d direction() {
+    const std::normal_distribution<double> normal;
+    std::normal_distribution<double> each = normal;
+    return Eigen::Vector3d(each(engine), each(engine), each(engine)).normalized();
+  }
+  Eigen::Isometry3d pose(double near_m, double far_m) {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.translation() = kCentre_W + uniform(near_m, far_m) * direction();
+    T.linear() = Eigen::AngleAxisd(uniform(0, M_PI), direction()).toRotationMatrix();
+    return T;
+  }
+  std::mt19937 engine{5};
+};
+
+/// A ball, seen from all sides, and all that rays went through.
+AccessibilityField ballField(const ToolGeometry& tool) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = kVoxel_m;
+  params.tsdf.range_noise_m = 0;
+  params.tsdf.clear_rays_m = std::numeric_limits<double>::infinity();
+  params.backend = BackendKind::Cpu;
+  AccessibilityField field(tool, params);
+  Random random;
+  for (int n = 0; n < 40; ++n) {
+    std::vector<Eigen::Vector3d> points_W, origins_W;
+    for (int k = 0; k < 4000; ++k) {
+      const Eigen::Vector3d normal = random.direction();
+      points_W.push_back(kCentre_W + kRadius_m * normal);
+      origins_W.emplace_back(points_W.back() + 2 * (normal + 0.3 * random.direction()));
+    }
+    field.integrateRays(points_W, origins_W);
+  }
+  return field;
+}
+
+/// Places on the tool's surface, at most so far apart.
+std::vector<Eigen::Vector3d> surfaceOf(const ToolGeometry& tool, double spacing_m) {
+  std::vector<Eigen::Vector3d> places;
+  for (const auto& t : tool.triangles()) {
+    const Eigen::Vector3d a = tool.vertices_T()[t[0]].cast<double>(), b = tool.vertices_T()[t[1]].cast<double>(),
+                          c = tool.vertices_T()[t[2]].cast<double>();
+    const int n = 1 + static_cast<int>(std::max({(b - a).norm(), (c - a).norm(), (c - b).norm()}) / spacing_m);
+    for (int i = 0; i <= n; ++i) {
+      for (int j = 0; i + j <= n; ++j) places.emplace_back(a + (b - a) * i / n + (c - a) * j / n);
+    }
+  }
+  return places;
+}
+
+TEST(PoseFits, AgreesWithExactDistances) {
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pruner");
+  AccessibilityField field = ballField(tool);
+  const std::vector<Eigen::Vector3d> places = surfaceOf(tool, 0.02);
+  Random random;
+  std::vector<Eigen::Isometry3d> T_WT;
+  for (int n = 0; n < 3000; ++n) T_WT.push_back(random.pose(kRadius_m - 0.05, kRadius_m + 0.5));
+  const std::vector<FitAnswer> answers = field.poseQuery().fits(T_WT);
+  const BatchQuery at = field.batchQuery();
+  std::size_t free = 0, touching = 0, blocked = 0, with_room = 0, missed = 0;
+  for (std::size_t n = 0; n < T_WT.size(); ++n) {
+    ASSERT_TRUE(answers[n].valid);
+    double room_m = 1;
+    std::vector<Eigen::Vector3d> surface_W;
+    for (const Eigen::Vector3d& p_T : places) {
+      surface_W.push_back(T_WT[n] * p_T);
+      room_m = std::min(room_m, (surface_W.back() - kCentre_W).norm() - kRadius_m);
+    }
+    if (answers[n].collision()) {
+      ++blocked;
+      with_room += room_m > 2 * kVoxel_m ? 1 : 0;
+    } else {
+      ++free;
+      touching += room_m < -kVoxel_m ? 1 : 0;
+    }
+    if (n % 20 != 0) continue;
+    // No voxel is missed that the tool is in.
+    std::vector<PointAnswer> voxels(surface_W.size());
+    at.at(surface_W, voxels);
+    bool unknown = false;
+    for (const PointAnswer& voxel : voxels) unknown = unknown || voxel.unknown;
+    missed += unknown && !answers[n].unknown() ? 1 : 0;
+  }
+  EXPECT_GT(free, 500U);
+  EXPECT_GT(blocked, 500U);
+  EXPECT_EQ(touching, 0U);
+  EXPECT_LE(with_room, blocked / 100);
+  EXPECT_EQ(missed, 0U);
+}
+
+/// The least room at which a plate still collides, whichever way it is turned, is below two voxels.
+TEST(PoseFits, AgreesForAPlateAtEveryAngle) {
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
+  AccessibilityField field = ballField(tool);
+  const std::vector<Eigen::Vector3d> places = surfaceOf(tool, 0.004);
+  Random random;
+  const PoseQuery query = field.poseQuery();
+  double most_room_m = -1, least_depth_m = 1;
+  for (int n = 0; n < 300; ++n) {
+    const Eigen::Vector3d normal = random.direction();
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.linear() = Eigen::AngleAxisd(random.uniform(0, M_PI), random.direction()).toRotationMatrix();
+    for (double away_m = 0.6; away_m > -0.3; away_m -= 0.1 * kVoxel_m) {
+      T.translation() = kCentre_W + (kRadius_m + away_m) * normal;
+      if (!query.fits({&T, 1})[0].collision()) continue;
+      double room_m = 1;
+      for (const Eigen::Vector3d& p_T : places) room_m = std::min(room_m, (T * p_T - kCentre_W).norm() - kRadius_m);
+      most_room_m = std::max(most_room_m, room_m);
+      least_depth_m = std::min(least_depth_m, room_m);
+      break;
+    }
+  }
+  EXPECT_LT(most_room_m, 2 * kVoxel_m);
+  EXPECT_GT(least_depth_m, -0.5 * kVoxel_m);
+}
+
+test::WalkGenerator fitWalk() {
+  test::WalkOptions options;
+  options.frames = 12;
+  options.rays_per_frame = 3000;
+  options.seed = 2;
+  options.max_range_m = 8;
+  options.length_m = 4;
+  return test::WalkGenerator(options);
+}
+
+AccessibilityField walkField(std::vector<ToolSpec> tools, double voxel_size_m) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = voxel_size_m;
+  params.backend = BackendKind::Cpu;
+  params.approach.num_directions = 36;
+  AccessibilityField field(std::move(tools), params);
+  const auto frames = fitWalk();
+  for (int n = 0; n < 12; ++n) {
+    const auto scan = frames.frame(n);
+    field.integrateScan(scan.points_S, scan.T_W_S);
+  }
+  field.update();
+  return field;
+}
+
+TEST(PoseFits, InContactCountsWhatTheFieldCounts) {
+  std::vector<ToolSpec> tools;
+  tools.emplace_back(ToolGeometry::builtin("builtin:pencil"));
+  tools.emplace_back(ToolGeometry::builtin("builtin:pruner"));
+  tools.back().orientations = OrientationSet::parse("pitch:-30:30:30");
+  tools.back().rolls = 3;
+  const AccessibilityField field = walkField(tools, 0.05);
+  const PoseQuery query = field.poseQuery();
+  const std::vector<SurfacePoint> points = field.snapshot().points;
+  std::size_t tested = 0, differ = 0, accessible = 0;
+  for (std::size_t n = 0; n < points.size(); n += points.size() / 60) {
+    for (std::size_t k = 0; k < 2; ++k) {
+      const AccessMap map = *field.accessMap(points[n].position_W, k);
+      for (const DirectionOutcome& outcome : map.directions) {
+        if (outcome.score == kNoScore) continue;
+        Eigen::Isometry3d T_WT = Eigen::Isometry3d::Identity();
+        T_WT.translation() = points[n].position_W;
+        T_WT.linear() = outcome.orientation_WT.cast<double>().toRotationMatrix();
+        const FitAnswer answer = query.fits({&T_WT, 1}, {.tool = k, .contact = true})[0];
+        ASSERT_TRUE(answer.valid);
+        EXPECT_EQ(answer.collision_limit, static_cast<std::uint32_t>(map.collision_limit));
+        ++tested;
+        differ += answer.collisions != outcome.score ? 1 : 0;
+        accessible += answer.collision() ? 0 : 1;
+        if (outcome.reason == PointReason::None) {
+          EXPECT_FALSE(answer.collision());
+        }
+      }
+    }
+  }
+  EXPECT_GT(tested, 500U);
+  EXPECT_GT(accessible, 20U);
+  EXPECT_EQ(differ, 0U);
+}
+
+TEST(PoseFits, AlongAWayIsWhatItIsAtItsPoses) {
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
+  AccessibilityField field = ballField(tool);
+  const PoseQuery query = field.poseQuery();
+  Random random;
+  std::size_t hits = 0, through = 0;
+  for (int n = 0; n < 100; ++n) {
+    const std::vector<Eigen::Isometry3d> ends = {random.pose(0.8, 1.2), random.pose(0.8, 1.2), random.pose(0.8, 1.2)};
+    const PathFitAnswer answer = query.fitsAlong(ends);
+    ASSERT_TRUE(answer.valid);
+    // Twenty times as densely, with the same way to move.
+    double first = std::numeric_limits<double>::quiet_NaN();
+    std::vector<Eigen::Isometry3d> dense;
+    constexpr int kSteps = 2000;
+    for (int k = 0; k <= 2 * kSteps; ++k) {
+      const std::size_t part = k < kSteps ? 0 : 1;
+      const double t = static_cast<double>(k) / kSteps - static_cast<double>(part);
+      Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+      T.linear() = Eigen::Quaterniond(ends[part].linear())
+                       .slerp(t, Eigen::Quaterniond(ends[part + 1].linear()))
+                       .toRotationMatrix();
+      T.translation() = (1 - t) * ends[part].translation() + t * ends[part + 1].translation();
+      dense.push_back(T);
+    }
+    const std::vector<FitAnswer> all = query.fits(dense);
+    for (int k = 0; k <= 2 * kSteps && std::isnan(first); ++k)
+      if (all[static_cast<std::size_t>(k)].collision()) first = static_cast<double>(k) / kSteps;
+    if (answer.collision) {
+      ++hits;
+      EXPECT_LE(first, answer.first_hit + 1e-3);
+      EXPECT_NEAR(first, answer.first_hit, 0.05);
+    } else {
+      // Less than half a voxel may be cut off between two tries.
+      through += std::isnan(first) ? 1 : 0;
+    }
+  }
+  EXPECT_GT(hits, 20U);
+  EXPECT_GT(through, 20U);
+  Eigen::Isometry3d far = random.pose(1, 1.2);
+  far.translation().x() += 1e5;
+  const std::vector<Eigen::Isometry3d> endless = {random.pose(1, 1.2), far};
+  EXPECT_FALSE(query.fitsAlong(endless).valid);
+  EXPECT_FALSE(query.fitsAlong({}).valid);
+  EXPECT_FALSE(query.fitsAlong({}).free());
+}
+
+TEST(PoseFits, NoBadPoseIsFree) {
+  const AccessibilityField field = walkField({ToolSpec(ToolGeometry::builtin("builtin:pencil"))}, 0.1);
+  const PoseQuery query = field.poseQuery();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  std::vector<Eigen::Isometry3d> bad(8, Eigen::Isometry3d::Identity());
+  bad[0].translation().x() = kNan;
+  bad[1].translation().y() = std::numeric_limits<double>::infinity();
+  bad[2].translation().z() = 1e9;
+  bad[3].linear()(0, 0) = kNan;
+  bad[4].linear() *= 1.001;
+  bad[5].linear().col(0) *= -1;  // a mirror image
+  bad[6].linear()(0, 1) = 0.01;
+  bad[7].linear().setZero();
+  for (const bool contact : {false, true}) {
+    for (const FitAnswer& answer : query.fits(bad, {.contact = contact})) {
+      EXPECT_FALSE(answer.valid);
+      EXPECT_FALSE(answer.free());
+      EXPECT_TRUE(answer.collision() && answer.unknown());
+    }
+  }
+  for (const Eigen::Isometry3d& pose : bad) EXPECT_FALSE(query.fitsAlong({&pose, 1}).free());
+  Eigen::Isometry3d nowhere = Eigen::Isometry3d::Identity();
+  nowhere.translation().setConstant(1000);
+  const FitAnswer answer = query.fits({&nowhere, 1})[0];
+  EXPECT_TRUE(answer.valid && answer.unknown() && !answer.collision() && !answer.free());
+  EXPECT_THROW(static_cast<void>(query.fits(bad, {.tool = 1})), InvalidArgument);
+  std::vector<FitAnswer> few(3);
+  EXPECT_THROW(query.fits(bad, few), InvalidArgument);
+}
+
+TEST(PoseFits, AreOutOfDateWhenTheFieldChanges) {
+  auto field =
+      std::make_unique<AccessibilityField>(walkField({ToolSpec(ToolGeometry::builtin("builtin:pencil"))}, 0.1));
+  const PoseQuery query = field->poseQuery();
+  const Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  EXPECT_TRUE(query.current());
+  const ToolFit own = field->hostView().fits(query.toolView(), pose.linear().eval().data(), pose.translation().data());
+  const FitAnswer answer = query.fits({&pose, 1})[0];
+  EXPECT_EQ(own.collisions, answer.collisions);
+  EXPECT_EQ(own.unknown, answer.unknown_voxels);
+  field->update();
+  EXPECT_FALSE(query.current());
+  EXPECT_THROW(static_cast<void>(query.fits({&pose, 1})), InvalidArgument);
+  EXPECT_THROW(static_cast<void>(query.fitsAlong({&pose, 1})), InvalidArgument);
+  const PoseQuery later = field->poseQuery();
+  field.reset();
+  EXPECT_THROW(static_cast<void>(later.fits({&pose, 1})), InvalidArgument);
+}
+
+}  // namespace
+}  // namespace accessvdb
