@@ -41,9 +41,7 @@ void ColdLeaves::wait() {
 }
 
 void ColdLeaves::settle() {
-  stops_ = true;
   wait();
-  stops_ = false;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, candidates_.size(), 1024), [&](const auto& range) {
     std::uint64_t leaves = 0, bytes = 0;
     for (std::size_t n = range.begin(); n != range.end(); ++n) {

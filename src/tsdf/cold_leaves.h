@@ -6,7 +6,7 @@
 /// ones may touch it. Where leaves that became compact are written to again, as on laps, the node's wait longer the
 /// next time. All this is done beside the field's other work, which may read the map meanwhile; the compact values take
 /// the places of the plain ones before a scan changes anything, and leaves to come take the buffers that those had.
-/// When a leaf becomes compact depends on time, then; what the map says does not.
+/// So which leaves are compact after a scan, and the memory that is counted, depends on the scans alone.
 #pragma once
 
 #include <tbb/task_arena.h>
@@ -39,8 +39,7 @@ class ColdLeaves {
     const PackedLowerNode* node;
     PackedLeaf* leaf;
   };
-  /// Before values change, while nobody else reads the map: nothing is done beside from here on, and what is ready
-  /// takes its place.
+  /// Before values change, while nobody else reads the map: waits for what is done beside, which takes its place.
   void settle();
   /// After a scan. @param touched  nodes that it came near  @param plain  leaves that it gave values, or made plain
   void noteScan(std::vector<const PackedLowerNode*> touched, std::vector<PlainLeaf> plain);
@@ -49,7 +48,7 @@ class ColdLeaves {
   /// After settle(), between scans: a leaf is plain now.
   void notePlain(const PlainLeaf& plain);
   // For tests.
-  /// Waits for the end of what is done beside: settle() breaks it off.
+  /// Waits for the end of what is done beside, which takes no place yet.
   void wait();
   /// Makes all leaves compact that are worth it.
   void makeAllCompact();

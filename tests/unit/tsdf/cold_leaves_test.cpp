@@ -8,11 +8,13 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <map>
 #include <memory>
 #include <numeric>
 #include <ostream>
 #include <random>
+#include <thread>
 #include <vector>
 
 #include "tsdf/leaf_facts.h"
@@ -274,6 +276,40 @@ TEST(ColdLeaves, TakeLessMemoryAndBecomePlainOnlyWhereAScanComesNear) {
   integrator.integrate(near, {&here, 1});
   EXPECT_GE(map.cold().leaves(), map.allocated_leaf_count - leaves) << "the far sheet stays as it is";
   EXPECT_LT(map.cold().leaves(), map.allocated_leaf_count - leaves / 2);
+}
+
+/// What tiles take decides which of them leave, and what is left out.
+TEST(ColdLeaves, AreTheSameOnABusyMachine) {
+  const auto memoryAfterEachScan = [] {
+    PackedMap map(centimetres(UpdateRegion::DoubleCone));
+    map.setCollisionDistance(0.005f);
+    ScanIntegrator integrator(map);
+    const std::vector<Eigen::Vector3f> sheet = test::wavySheet(2500, 0.02, 1);
+    std::vector<std::uint64_t> bytes;
+    for (std::uint64_t scan = 0; scan < 3 * ColdLeaves::kPatience; ++scan) {
+      const float x = 1.5f * static_cast<float>(scan);
+      std::vector<Eigen::Vector3f> points = sheet;
+      for (Eigen::Vector3f& p : points) p.x() += x;
+      const Eigen::Vector3f q(x, 0.2f, 2.0f);
+      integrator.integrate(points, {&q, 1});
+      bytes.push_back(map.memoryBytes());
+    }
+    EXPECT_GT(map.cold().leaves(), 400U);
+    return bytes;
+  };
+  const std::vector<std::uint64_t> alone = memoryAfterEachScan();
+  std::atomic<bool> done = false;
+  std::vector<std::thread> others;
+  for (int n = 0; n < 8; ++n) {
+    others.emplace_back([&] {
+      while (!done) {
+      }
+    });
+  }
+  const std::vector<std::uint64_t> busy = memoryAfterEachScan();
+  done = true;
+  for (std::thread& other : others) other.join();
+  EXPECT_EQ(alone, busy);
 }
 
 TEST(ColdLeaves, WaitLongerWhereTheyWereWrittenToAgain) {
