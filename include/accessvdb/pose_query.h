@@ -62,7 +62,8 @@ struct FitAnswer {
 };
 
 /// What the tool meets on its way from pose to pose: between two it moves evenly along the line and turns evenly about
-/// one axis. No part of it moves by more than half a voxel between the poses that are tried.
+/// one axis. No part of it moves by more than half a voxel between the poses that are tried, so what it passes by may
+/// cut less than a quarter of a voxel off a corner of it.
 struct PathFitAnswer {
   /// Where it first collides: 1.25 is a quarter of the way from the second pose to the third. NaN if nowhere.
   double first_hit = std::numeric_limits<double>::quiet_NaN();

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bindings/query.h"
 
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -58,7 +59,8 @@ std::vector<Eigen::Isometry3d> posesFrom(const char* name, const py::object& T_W
 
 std::size_t toolFrom(const py::object& tool) {
   const double number = numberFrom("tool", tool);
-  if (!(number >= 0 && number < 1e6)) throw InvalidArgument("tool.index", "tool", "is not a tool of the field");
+  if (!(number >= 0 && number < 1e6) || number != std::floor(number))
+    throw InvalidArgument("tool.index", "tool", "is not a tool of the field");
   return static_cast<std::size_t>(number);
 }
 

@@ -228,6 +228,7 @@ RollingTile& RollingTiles::at(const TileIndex& id, const MapTime& now) {
   if (stored != stored_.end()) {
     tile = std::make_unique<RollingTile>(load(id, takeAhead(id)));
     advanceTime(*tile, now);
+    if (stored->second.serial && tile->lost) written_.erase(*stored->second.serial);  // nobody will name it
     if (stored->second.serial && !tile->lost) tile->as_saved = std::move(stored->second);
     stored_.erase(stored);
   } else {
@@ -425,8 +426,21 @@ Json RollingTiles::saveAll() {
   }
   for (const auto& [id, stored] : stored_) add(id, stored);
   // Nobody waited for the disk before: a process that is killed takes nothing away that it has written.
-  for (; !written_.empty(); written_.erase(written_.begin()))
-    filesOf(written_.begin()->second, written_.begin()->first).bringToDisk();
+  while (!written_.empty()) {
+    const auto [serial, id] = *written_.begin();
+    try {
+      filesOf(id, serial).bringToDisk();
+    } catch (...) {
+      // The system says once that it lost what was written: a tile that is here is written again.
+      if (RollingTile* const tile = find(id); tile != nullptr && tile->as_saved && tile->as_saved->serial == serial) {
+        written_.erase(serial);
+        tile->as_saved.reset();
+        removeLater(id, serial);
+      }
+      throw;
+    }
+    written_.erase(serial);
+  }
   return tiles;
 }
 

@@ -21,8 +21,9 @@ constexpr double kCentreToCorner = 0.8660255;
 
 /// Nodes around one within which a voxel may be entered.
 double grownBy(int nodes_per_voxel) {
-  // A voxel's corner, that of one of the tool's own voxels, and that of a node.
-  return kCentreToCorner * (nodes_per_voxel + 1) + kCentreToCorner;
+  // A voxel's corner, that of one of the tool's own voxels, and that of a node; and more than float32 loses on the way.
+  constexpr double kSlack = 0.25;
+  return kCentreToCorner * (nodes_per_voxel + 1) + kCentreToCorner + kSlack;
 }
 
 double nodesOf(const ToolGeometry& tool, double edge_m, double grown) {

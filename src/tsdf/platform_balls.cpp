@@ -65,9 +65,19 @@ PlatformBalls platformBalls(const PackedMap& map, const RegionShape& shape, std:
   if (!(shape.ball_radius > 0)) return all;
   all.balls = oneOfEachVoxel(q_L, map.params().voxel_size_m);
   // A return within the ball is of the platform, or the ball is larger than it.
-  const bool hits = std::ranges::any_of(rays, [&](const ReturnRay& ray) { return ray.range <= shape.ball_radius; });
+  const auto isHit = [&](const ReturnRay& ball) {
+    return std::ranges::any_of(rays, [&](const ReturnRay& ray) {
+      float sum = 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        const float e =
+            static_cast<float>(ray.base_ijk[axis] - ball.base_ijk[axis]) + ray.offset[axis] - ball.offset[axis];
+        sum += e * e;
+      }
+      return sum <= shape.ball_radius * shape.ball_radius;
+    });
+  };
   const std::size_t count = all.balls.size();
-  std::erase_if(all.balls, [&](const ReturnRay& ball) { return hits || collides(map, shape, ball); });
+  std::erase_if(all.balls, [&](const ReturnRay& ball) { return isHit(ball) || collides(map, shape, ball); });
   all.contradicted = count - all.balls.size();
   return all;
 }

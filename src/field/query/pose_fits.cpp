@@ -163,8 +163,9 @@ struct ACCESSVDB_PRIVATE PoseQuery::Impl {
   /// @param T_WT  all valid
   std::vector<ToolFit> fitAll(std::span<const ToolPlace> places, std::size_t k, std::uint32_t stop_at) const {
     std::vector<ToolFit> answers(places.size());
-    const std::scoped_lock lock(fits->mutex_);
+    std::unique_lock lock(fits->mutex_);
     const kernels::ToolBitmapView bitmap = tool(k).bitmap(*field.backend, field.map->params().voxel_size_m);
+    if (field.backend->hasHostMemory()) lock.unlock();  // a GPU has one stream
     field.backend->waitForMirror();
     field.arena->execute([&] {
       field.backend->fitTool({field.mirror, bitmap, places.data(), answers.data(), places.size(), stop_at});
@@ -227,6 +228,7 @@ std::vector<FitAnswer> PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, 
 }
 
 kernels::ToolBitmapView PoseQuery::toolView(std::size_t tool) const {
+  impl_->requireCurrent();
   FittedTool& fitted = impl_->tool(tool);
   const std::scoped_lock lock(impl_->fits->mutex_);
   return fitted.bitmap(*impl_->field.backend, impl_->field.map->params().voxel_size_m);
@@ -291,9 +293,11 @@ PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std:
 
 PoseQuery internal::PoseFits::query(const FitInputs& field) {
   if (tools_.empty()) {
+    std::vector<std::unique_ptr<FittedTool>> tools;
     for (std::size_t k = 0; k < field.tools->size(); ++k) {
-      tools_.push_back(std::make_unique<FittedTool>(field.tools->specs()[k].tool, field.tools->at(k)));
+      tools.push_back(std::make_unique<FittedTool>(field.tools->specs()[k].tool, field.tools->at(k)));
     }
+    tools_ = std::move(tools);
   }
   auto impl = std::make_shared<PoseQuery::Impl>();
   impl->field = field;

@@ -184,6 +184,10 @@ TEST(PlatformBall, IsFreeUnlessSomethingIsThere) {
   for (const Voxel& voxel : clearedOf(without)) expected.insert(voxel);
   EXPECT_TRUE(clearedOf(map) == expected);
   EXPECT_EQ(integrate({{5, 8, 1.5f}}, {{5, 6, 1.5f}}), 0U);
+  // Of several sensors, only the one in whose ball it lies, whoever has seen it.
+  EXPECT_EQ(
+      integrate({{12, 5, 1.5f}, {11.8f, 9, 1.5f}, {15, 9, 1.5f}}, {{10, 5, 1.5f}, {11.8f, 5, 1.5f}, {15, 5, 1.5f}}),
+      1U);
   EXPECT_GT(clearedOf(map).size(), expected.size() + 1000);
 }
 
