@@ -180,9 +180,8 @@ typedef struct accessvdb_params {
   /// Version 6. Names of what returns carry to the points, with a blank between them; read by the call that it is
   /// passed to. NULL = nothing
   const char* carry;
-  double point_spacing_m;  ///< version 7: 0 = all points are scored; else one for each cell of this edge
-  double
-      clear_rays_m;  ///< version 7: rays clear a line beyond the band, so far from their returns; infinity: all of it
+  double point_spacing_m;    ///< version 7: 0 = all points are scored; else one for each cell of this edge
+  double clear_rays_m;       ///< version 7: how far from their returns rays clear a line; infinity: all of it
   double platform_radius_m;  ///< version 7: a ball of this radius around the sensor's positions is free
 } accessvdb_params;
 
@@ -353,8 +352,7 @@ ACCESSVDB_API int accessvdb_field_query_capsules(accessvdb_field* field, const a
                                                  size_t capsule_size, size_t count, accessvdb_capsule_answer* answers,
                                                  size_t answer_size) ACCESSVDB_C_NOEXCEPT;
 
-/* ---- the field's tools at any pose (since version 7); accessvdb/pose_query.h has the rules ------------------------
- */
+/* ---- the field's tools at any pose (since version 7); accessvdb/pose_query.h has the rules ----------------------- */
 
 /// What a tool meets at a pose. Arrays take sizeof(accessvdb_fit) once.
 typedef struct accessvdb_fit {

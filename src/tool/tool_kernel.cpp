@@ -38,16 +38,6 @@ Eigen::Vector3d turned(const Eigen::Matrix3d& R_WT, double x, double y, double z
   return {row(0), row(1), row(2)};
 }
 
-std::vector<Eigen::Vector3d> rotated(const std::vector<Eigen::Vector3f>& vertices, const ToolOrientation& orientation,
-                                     double scale) {
-  std::vector<Eigen::Vector3d> out;
-  out.reserve(vertices.size());
-  for (const Eigen::Vector3f& p : vertices) {
-    out.push_back(turned(orientation.R_WT, p.x() * scale, p.y() * scale, p.z() * scale));
-  }
-  return out;
-}
-
 /// Lower bound on the columns of all directions, from the surface area: one column per direction for each cell of the
 /// ground below the surface. Low by design (steep walls count little), so that only hopeless cases are refused.
 double fewestColumns(const ToolGeometry& tool, double voxel_size_m, const ApproachParams& approach) {
@@ -131,7 +121,7 @@ std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resol
   const double v = resolved.tsdf.voxel_size_m;
   tbb::parallel_for(std::size_t{0}, yaws.size(), [&](std::size_t d) {
     voxels[d] =
-        solid.voxels(rotated(tool.vertices_T(), yaws[d], 1 / v), v, resolved.scoring.self_exclusion_voxels).counted;
+        solid.voxels(turnedVertices(tool, yaws[d].R_WT, 1 / v), v, resolved.scoring.self_exclusion_voxels).counted;
     count.addOne();
   });
   return static_cast<std::uint32_t>(std::min<std::uint64_t>(*std::min_element(voxels.begin(), voxels.end()),
@@ -139,6 +129,14 @@ std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resol
 }
 
 }  // namespace
+
+std::vector<Eigen::Vector3d> turnedVertices(const ToolGeometry& tool, const Eigen::Matrix3d& R_WT, double scale) {
+  std::vector<Eigen::Vector3d> out;
+  out.reserve(tool.vertices_T().size());
+  for (const Eigen::Vector3f& p : tool.vertices_T())
+    out.push_back(turned(R_WT, p.x() * scale, p.y() * scale, p.z() * scale));
+  return out;
+}
 
 kernels::ToolKernelView ToolKernel::view() const {
   return {columns.data(),
@@ -184,7 +182,7 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved,
   const ToolSolid solid(tool);
   const auto voxelsOf = [&](std::size_t d, std::size_t roll) {
     const ToolOrientation held = rolledBy(orientations[d], rolls, int(roll));
-    SolidVoxels voxels = solid.voxels(rotated(tool.vertices_T(), held, 1 / v), v, exclusion);
+    SolidVoxels voxels = solid.voxels(turnedVertices(tool, held.R_WT, 1 / v), v, exclusion);
     std::vector<VoxelRun>& runs = voxels.runs;
     Box& box = boxes[d * R + roll];
     for (const VoxelRun& run : runs) {
@@ -312,7 +310,7 @@ double largestHiddenShare(const ToolGeometry& tool, const FieldParams& resolved)
   tbb::parallel_for(std::size_t{0}, hidden.size(), [&](std::size_t n) {
     const ToolOrientation held = rolledBy(orientations[n / R], rolls, int(n % R));
     hidden[n] =
-        hiddenShare(solid.voxels(rotated(tool.vertices_T(), held, 1 / v), v, resolved.scoring.self_exclusion_voxels));
+        hiddenShare(solid.voxels(turnedVertices(tool, held.R_WT, 1 / v), v, resolved.scoring.self_exclusion_voxels));
   });
   return *std::max_element(hidden.begin(), hidden.end());
 }

@@ -57,6 +57,10 @@ struct ToolKernel {
                             int most);
 };
 
+/// A tool's vertices, turned as for its tables, to the last bit. @param scale  [1/m] of the result
+[[nodiscard]] std::vector<Eigen::Vector3d> turnedVertices(const ToolGeometry& tool, const Eigen::Matrix3d& R_WT,
+                                                          double scale);
+
 /// ToolKernel::hidden_share, without the tables.
 [[nodiscard]] double largestHiddenShare(const ToolGeometry& tool, const FieldParams& resolved);
 

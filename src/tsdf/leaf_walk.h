@@ -30,6 +30,19 @@ inline LeafSpan leafSpan(const ReturnRay& ray, int axis, Interval offsets, float
   return {(ray.base_ijk[a] + low) >> 3, (ray.base_ijk[a] + high) >> 3};
 }
 
+/// Visits the leaves of a cube around ballAround(). @param visit  (leaf ijk >> 3)
+template <typename Visit>
+void forEachLeafAround(const ReturnRay& ball, float radius, const Visit& visit) {
+  const auto span = [&](int axis) { return leafSpan(ball, axis, {-radius, radius}, kSlack); };
+  const LeafSpan x = span(0), y = span(1), z = span(2);
+  std::array<std::int32_t, 3> leaf;
+  for (leaf[0] = x.first; leaf[0] <= x.last; ++leaf[0]) {
+    for (leaf[1] = y.first; leaf[1] <= y.last; ++leaf[1]) {
+      for (leaf[2] = z.first; leaf[2] <= z.last; ++leaf[2]) visit(leaf);
+    }
+  }
+}
+
 /// Visits all leaves with a voxel of the part, or one that is at most `margin` voxels from it along each axis.
 /// Conservative.
 /// @param along  extent of the part along the dominant axis

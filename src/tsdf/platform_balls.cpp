@@ -32,29 +32,22 @@ std::vector<ReturnRay> oneOfEachVoxel(std::span<const Eigen::Vector3f> q_L, doub
 
 bool collides(const PackedMap& map, const RegionShape& shape, const ReturnRay& ball) {
   ConstPackedAccessor accessor(map.tree());
-  std::array<LeafSpan, 3> spans;
-  for (int axis = 0; axis < 3; ++axis)
-    spans[static_cast<std::size_t>(axis)] = leafSpan(ball, axis, {-shape.ball_radius, shape.ball_radius}, kSlack);
-  for (std::int32_t x = spans[0].first; x <= spans[0].last; ++x) {
-    for (std::int32_t y = spans[1].first; y <= spans[1].last; ++y) {
-      for (std::int32_t z = spans[2].first; z <= spans[2].last; ++z) {
-        const openvdb::Coord origin(x * 8, y * 8, z * 8);
-        const PackedLeaf* leaf = accessor.probeConstLeaf(origin);
-        const LeafBits* left_out = map.leftOut().find(origin);
-        if (leaf == nullptr && left_out == nullptr) continue;
-        LeafBits bits = leaf == nullptr ? LeafBits{} : map.collidingIn(*leaf);
-        if (left_out != nullptr)
-          for (std::size_t word = 0; word < 8; ++word) bits[word] |= (*left_out)[word];
-        const std::int32_t origin_ijk[3] = {origin.x(), origin.y(), origin.z()};
-        for (int voxel = 0; voxel < 512; ++voxel) {
-          if ((bits[static_cast<std::size_t>(voxel >> 6)] >> (voxel & 63) & 1) != 0 &&
-              kernels::isInBall(origin_ijk, voxel, ball, shape.ball_radius * shape.ball_radius))
-            return true;
-        }
-      }
+  bool found = false;
+  forEachLeafAround(ball, shape.ball_radius, [&](const std::array<std::int32_t, 3>& at) {
+    const openvdb::Coord origin(at[0] * 8, at[1] * 8, at[2] * 8);
+    const PackedLeaf* leaf = accessor.probeConstLeaf(origin);
+    const LeafBits* left_out = map.leftOut().find(origin);
+    if (found || (leaf == nullptr && left_out == nullptr)) return;
+    LeafBits bits = leaf == nullptr ? LeafBits{} : map.collidingIn(*leaf);
+    if (left_out != nullptr)
+      for (std::size_t word = 0; word < 8; ++word) bits[word] |= (*left_out)[word];
+    const std::int32_t origin_ijk[3] = {origin.x(), origin.y(), origin.z()};
+    for (int voxel = 0; voxel < 512 && !found; ++voxel) {
+      found = (bits[static_cast<std::size_t>(voxel >> 6)] >> (voxel & 63) & 1) != 0 &&
+              kernels::isInBall(origin_ijk, voxel, ball, shape.ball_radius * shape.ball_radius);
     }
-  }
-  return false;
+  });
+  return found;
 }
 
 }  // namespace

@@ -121,20 +121,6 @@ void forEachLineEntry(const RegionShape& shape, const ReturnRay& ray, std::uint3
   leave();
 }
 
-/// The same for a ball.
-template <typename Visit>
-void forEachBallEntry(const RegionShape& shape, const ReturnRay& ball, std::uint32_t index, const Visit& visit) {
-  std::array<LeafSpan, 3> spans;
-  for (int axis = 0; axis < 3; ++axis)
-    spans[static_cast<std::size_t>(axis)] = leafSpan(ball, axis, {-shape.ball_radius, shape.ball_radius}, kSlack);
-  for (std::int32_t x = spans[0].first; x <= spans[0].last; ++x) {
-    for (std::int32_t y = spans[1].first; y <= spans[1].last; ++y) {
-      for (std::int32_t z = spans[2].first; z <= spans[2].last; ++z)
-        visit(leafKeyOf(x, y, z), LeafEntry{index << 2 | LeafEntry::kBall});
-    }
-  }
-}
-
 }  // namespace
 
 void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays, std::size_t balls, const PackedMap* map) {
@@ -150,7 +136,9 @@ void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays, std::s
     for (std::size_t i = n * kReturnsPerChunk; i < end; ++i) {
       const auto index = static_cast<std::uint32_t>(i);
       if (i >= rays.size() - balls) {
-        forEachBallEntry(shape, rays[i], index, add);
+        forEachLeafAround(rays[i], shape.ball_radius, [&](const std::array<std::int32_t, 3>& leaf) {
+          add(leafKeyOf(leaf[0], leaf[1], leaf[2]), LeafEntry{index << 2 | LeafEntry::kBall});
+        });
         continue;
       }
       const RegionSlices slices(shape, rays[i]);

@@ -17,12 +17,9 @@ namespace {
 class FitsOnDevice : public GpuTest {};
 
 TEST_F(FitsOnDevice, EqualThoseOfTheCpu) {
-  WalkOptions options;
-  options.frames = 8;
-  options.rays_per_frame = 6000;
+  WalkOptions options = shortWalk(8, 6000);
+  options.range_noise_m = WalkOptions().range_noise_m;
   options.seed = 9;
-  options.max_range_m = 8;
-  options.length_m = 4;
   const WalkGenerator walk(options);
   for (const double voxel_size_m : {0.05, 0.02}) {
     for (const char* tool : {"builtin:pencil", "builtin:pruner"}) {

@@ -20,13 +20,8 @@ namespace accessvdb {
 namespace {
 
 test::WalkGenerator walk() {
-  test::WalkOptions options;
-  options.frames = 10;
-  options.rays_per_frame = 1500;
+  test::WalkOptions options = test::shortWalk(10, 1500);
   options.seed = 4;
-  options.range_noise_m = 0.02;
-  options.max_range_m = 8;
-  options.length_m = 4;
   return test::WalkGenerator(options);
 }
 

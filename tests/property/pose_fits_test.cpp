@@ -142,12 +142,9 @@ TEST(PoseFits, AgreesForAPlateAtEveryAngle) {
 }
 
 test::WalkGenerator fitWalk() {
-  test::WalkOptions options;
-  options.frames = 12;
-  options.rays_per_frame = 3000;
+  test::WalkOptions options = test::shortWalk(12, 3000);
+  options.range_noise_m = test::WalkOptions().range_noise_m;
   options.seed = 2;
-  options.max_range_m = 8;
-  options.length_m = 4;
   return test::WalkGenerator(options);
 }
 

@@ -5,9 +5,8 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include "accessvdb/error.h"
 #include "field/query/batch_query_impl.h"
-#include "field/query/query_sizes.h"
+#include "field/query/query_checks.h"
 #include "field/tools/tool_heading.h"
 
 namespace accessvdb {
@@ -43,12 +42,6 @@ namespace {
 /// Enough to be worth a task, few enough to spread.
 constexpr std::size_t kPointsPerTask = 2048, kCapsulesPerTask = 4;
 
-void requireCurrent(const BatchQuery& query) {
-  if (query.current()) return;
-  throw InvalidArgument("query.stale", "", "the field has changed since this query was made",
-                        "Take a new one from batchQuery() after each integrateScan() and update()");
-}
-
 }  // namespace
 
 BatchQuery::BatchQuery(std::shared_ptr<const Impl> impl) : impl_(std::move(impl)) {}
@@ -57,7 +50,7 @@ bool BatchQuery::current() const { return impl_->current(); }
 
 void BatchQuery::at(std::span<const Eigen::Vector3d> points_W, std::span<PointAnswer> answers) const {
   internal::requireSizes(points_W.size(), answers.size());
-  requireCurrent(*this);
+  internal::requireCurrent(current(), "batchQuery");
   impl_->arena->execute([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points_W.size(), kPointsPerTask), [&](const auto& range) {
       internal::answerPoints(impl_->source, points_W.subspan(range.begin(), range.size()),
@@ -83,7 +76,7 @@ std::vector<PointAnswer> BatchQuery::at(const Eigen::Ref<const Eigen::Matrix3Xd>
 
 void BatchQuery::along(std::span<const CapsuleQuery> capsules, std::span<CapsuleAnswer> answers) const {
   internal::requireSizes(capsules.size(), answers.size());
-  requireCurrent(*this);
+  internal::requireCurrent(current(), "batchQuery");
   impl_->arena->execute([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, capsules.size(), kCapsulesPerTask), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {

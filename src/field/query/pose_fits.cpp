@@ -14,7 +14,8 @@
 #include <utility>
 
 #include "accessvdb/error.h"
-#include "field/query/query_sizes.h"
+#include "field/query/query_checks.h"
+#include "tool/tool_kernel.h"
 #include "tool/tool_rolls.h"
 #include "tool/tool_solid.h"
 #include "tsdf/leaf_facts.h"
@@ -93,10 +94,9 @@ FitAnswer fitInContact(FittedTool& tool, const internal::PackedMap& map, const E
                        const ToolPlace& place) {
   const FieldParams& params = tool.scoring().params;
   const double v = params.tsdf.voxel_size_m;
-  std::vector<Eigen::Vector3d> vertices;
-  for (const Eigen::Vector3f& p : tool.geometry().vertices_T()) vertices.push_back(R_WT * p.cast<double>() / v);
   const internal::SolidVoxels voxels =
-      internal::ToolSolid(tool.geometry()).voxels(vertices, v, params.scoring.self_exclusion_voxels);
+      internal::ToolSolid(tool.geometry())
+          .voxels(internal::turnedVertices(tool.geometry(), R_WT, 1 / v), v, params.scoring.self_exclusion_voxels);
   CollidingLeaves leaves(map);
   FitAnswer answer;
   answer.valid = true;
@@ -115,26 +115,20 @@ FitAnswer fitInContact(FittedTool& tool, const internal::PackedMap& map, const E
   return answer;
 }
 
-/// A way from pose to pose in tries.
-struct Way {
-  std::vector<std::size_t> tries;  ///< of each part, its end included
-  std::size_t all = 1;             ///< with the first pose
-};
-
-/// @return nothing if it takes too many
-std::optional<Way> divided(std::span<const Eigen::Isometry3d> T_WT, double reach_m, double voxel_size_m) {
-  Way way;
+/// How many tries each part of a way takes, its end included. @return nothing if they are too many
+std::optional<std::vector<std::size_t>> triesOf(std::span<const Eigen::Isometry3d> T_WT, double reach_m,
+                                                double voxel_size_m) {
+  std::vector<std::size_t> tries;
   double all = 1;
   for (std::size_t n = 0; n + 1 < T_WT.size(); ++n) {
     const Eigen::AngleAxisd turn(T_WT[n].linear().transpose() * T_WT[n + 1].linear());
     const double moved_m =
         (T_WT[n + 1].translation() - T_WT[n].translation()).norm() + std::abs(turn.angle()) * reach_m;
-    const double tries = std::max(1.0, std::ceil(2 * moved_m / voxel_size_m));
-    if (!((all += tries) <= kMostTries)) return std::nullopt;
-    way.tries.push_back(static_cast<std::size_t>(tries));
-    way.all += way.tries.back();
+    const double of_part = std::max(1.0, std::ceil(2 * moved_m / voxel_size_m));
+    if (!((all += of_part) <= kMostTries)) return std::nullopt;
+    tries.push_back(static_cast<std::size_t>(of_part));
   }
-  return way;
+  return tries;
 }
 
 }  // namespace
@@ -144,11 +138,8 @@ struct ACCESSVDB_PRIVATE PoseQuery::Impl {
   internal::PoseFits* fits = nullptr;
   std::uint64_t revision = 0;
 
-  void requireCurrent() const {
-    if (field.field_revision->load(std::memory_order_acquire) == revision) return;
-    throw InvalidArgument("query.stale", "", "the field has changed since this query was made",
-                          "Take a new one from poseQuery() after each integrateScan() and update()");
-  }
+  [[nodiscard]] bool current() const { return field.field_revision->load(std::memory_order_acquire) == revision; }
+  void requireCurrent() const { internal::requireCurrent(current(), "poseQuery"); }
   [[nodiscard]] FittedTool& tool(std::size_t k) const {
     static_cast<void>(field.tools->at(k));  // throws for one that is not there
     return *fits->tools_[k];
@@ -176,9 +167,7 @@ struct ACCESSVDB_PRIVATE PoseQuery::Impl {
 
 PoseQuery::PoseQuery(std::shared_ptr<const Impl> impl) : impl_(std::move(impl)) {}
 std::uint64_t PoseQuery::revision() const { return impl_->revision; }
-bool PoseQuery::current() const {
-  return impl_->field.field_revision->load(std::memory_order_acquire) == impl_->revision;
-}
+bool PoseQuery::current() const { return impl_->current(); }
 
 void PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, std::span<FitAnswer> answers,
                      const FitOptions& options) const {
@@ -244,8 +233,9 @@ PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std:
     static_cast<void>(impl_->placeOf(pose, valid));
     if (!valid) return answer;
   }
-  const std::optional<Way> way = T_WT.empty() ? std::nullopt : divided(T_WT, fitted.geometry().reach_m(), voxel_size_m);
-  if (!way) return answer;
+  if (T_WT.empty()) return answer;
+  const auto tries = triesOf(T_WT, fitted.geometry().reach_m(), voxel_size_m);
+  if (!tries) return answer;
   answer.collision = answer.unknown = false;
   std::vector<ToolPlace> places;
   std::vector<double> at;
@@ -273,12 +263,12 @@ PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std:
   bool fine = add(T_WT.front(), 0);
   for (std::size_t n = 0; fine && !answer.collision && n + 1 < T_WT.size(); ++n) {
     const Eigen::Quaterniond from(T_WT[n].linear()), to(T_WT[n + 1].linear());
-    for (std::size_t k = 1; fine && !answer.collision && k <= way->tries[n]; ++k) {
-      if (k == way->tries[n]) {
+    for (std::size_t k = 1; fine && !answer.collision && k <= (*tries)[n]; ++k) {
+      if (k == (*tries)[n]) {
         fine = add(T_WT[n + 1], static_cast<double>(n + 1));
         break;
       }
-      const double t = static_cast<double>(k) / static_cast<double>(way->tries[n]);
+      const double t = static_cast<double>(k) / static_cast<double>((*tries)[n]);
       Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
       pose.linear() = from.slerp(t, to).normalized().toRotationMatrix();
       pose.translation() = (1 - t) * T_WT[n].translation() + t * T_WT[n + 1].translation();

@@ -238,6 +238,13 @@ void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools
   }
 }
 
+std::size_t toolNamed(const std::string& name, const std::vector<ToolSpec>& tools, const std::string& id) {
+  for (std::size_t k = 0; k < tools.size(); ++k) {
+    if (tools[k].name == name) return k;
+  }
+  throw InvalidArgument(id, "--for-tool", "\"" + name + "\" is not one of the tools", "Use one of " + namesOf(tools));
+}
+
 std::string namesOf(const std::vector<ToolSpec>& tools) {
   std::string names;
   for (const ToolSpec& tool : tools) names.append(names.empty() ? "" : ", ").append(tool.name);

@@ -54,6 +54,8 @@ void requireOneTool(const MapOptions& options, const std::string& verb);
 void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools, Messages& messages);
 /// Their names, for people.
 [[nodiscard]] std::string namesOf(const std::vector<ToolSpec>& tools);
+/// The one that --for-tool names. @param id  of the error if it is none of them
+[[nodiscard]] std::size_t toolNamed(const std::string& name, const std::vector<ToolSpec>& tools, const std::string& id);
 
 /// What each is, one line per tool.
 [[nodiscard]] std::vector<std::string> toolsInWords(const MapOptions& options, const std::vector<ToolSpec>& tools);

@@ -66,11 +66,7 @@ std::size_t toolFor(const std::string& name, const AccessibilityField& field, co
     const auto point = field.pointAt(p_W);
     return point ? point->tool : 0;
   }
-  for (std::size_t k = 0; k < field.tools().size(); ++k) {
-    if (field.tools()[k].name == name) return k;
-  }
-  throw InvalidArgument("usage.access_map", "--for-tool", "\"" + name + "\" is not one of the tools",
-                        "Use one of " + namesOf(field.tools()));
+  return toolNamed(name, field.tools(), "usage.access_map");
 }
 
 }  // namespace

@@ -19,15 +19,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::size_t toolNamed(const std::string& name, const AccessibilityField& field) {
-  if (name.empty()) return 0;
-  for (std::size_t k = 0; k < field.tools().size(); ++k) {
-    if (field.tools()[k].name == name) return k;
-  }
-  throw InvalidArgument("usage.fits", "--for-tool", "\"" + name + "\" is not one of the tools",
-                        "Use one of " + namesOf(field.tools()));
-}
-
 std::string csvOf(const std::vector<FitAnswer>& answers) {
   std::string text = "collisions,collision_limit,unknown_voxels,collision,unknown,valid,free\n";
   for (const FitAnswer& answer : answers) {
@@ -81,7 +72,7 @@ void printToolFits(const ToolFitOptions& options, Messages& messages) {
   const std::filesystem::path file =
       stateFile(options.map, "usage.fits", "no pose can be tried", {options.allow_changed, messages});
   const AccessibilityField field = loadField(file, options.given, options.common, messages);
-  const std::size_t tool = toolNamed(options.for_tool, field);
+  const std::size_t tool = options.for_tool.empty() ? 0 : toolNamed(options.for_tool, field.tools(), "usage.fits");
   const PoseQuery query = field.poseQuery();
   if (options.along) {
     const PathFitAnswer answer = query.fitsAlong(T_WT, tool);

@@ -18,4 +18,11 @@ inline void requireSizes(std::size_t questions, std::size_t answers) {
                         "Pass arrays of the same length");
 }
 
+/// @param made_by  the field's function that gives out such queries  @throws InvalidArgument "query.stale"
+inline void requireCurrent(bool is_current, const std::string& made_by) {
+  if (is_current) return;
+  throw InvalidArgument("query.stale", "", "the field has changed since this query was made",
+                        "Take a new one from " + made_by + "() after each integrateScan() and update()");
+}
+
 }  // namespace accessvdb::internal
