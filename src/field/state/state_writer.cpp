@@ -106,19 +106,21 @@ void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map
                  const std::vector<const PackedLeaf*>& leaves) {
   out.begin("leaves", leavesBytes(head));
   std::vector<std::byte> block;
+  std::vector<std::optional<StoredLeaf>> stored;
   std::vector<std::uint64_t> ends;
   for (std::size_t first = 0; first < leaves.size(); first += kLeavesWritten) {
     const std::size_t count = std::min(leaves.size() - first, kLeavesWritten);
+    stored.resize(count);
     ends.assign(count + 1, 0);
-    const auto forEachLeaf = [&](const auto& visit) {
+    const auto forEachLeaf = [count](const auto& visit) {
       tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 32), [&](const auto& range) {
-        for (std::size_t n = range.begin(); n != range.end(); ++n) visit(n, StoredLeaf(map, *leaves[first + n]));
+        for (std::size_t n = range.begin(); n != range.end(); ++n) visit(n);
       });
     };
-    forEachLeaf([&](std::size_t n, const StoredLeaf& leaf) { ends[n + 1] = leaf.bytes(); });
+    forEachLeaf([&](std::size_t n) { ends[n + 1] = stored[n].emplace(map, *leaves[first + n]).bytes(); });
     std::partial_sum(ends.begin(), ends.end(), ends.begin());
     block.resize(ends.back());
-    forEachLeaf([&](std::size_t n, const StoredLeaf& leaf) { leaf.put(block.data() + ends[n]); });
+    forEachLeaf([&](std::size_t n) { stored[n]->put(block.data() + ends[n]); });
     out.write(block.data(), block.size());
   }
   out.end();
