@@ -230,7 +230,8 @@ typedef struct accessvdb_point {
   uint8_t reserved[3];
   float orientation_WT[4];  ///< version 5: quaternion w x y z, world from tool, in that direction; 1 0 0 0 = none
   uint32_t tools;           ///< version 5: of several tools, bit k is 1 if tool k reaches the point
-  uint32_t reserved_tools;
+  float margin_m;           ///< version 7: of a field with margins, the largest with which the tool still reaches the
+                            ///< point; -1 = it does not, or there are none
 } accessvdb_point;
 
 typedef struct accessvdb_counts {
@@ -493,6 +494,8 @@ typedef struct accessvdb_tool_spec {
   const char* orientations;    ///< as in accessvdb_params; NULL = yaw
   int32_t rolls;               ///< 0 = rule
   int32_t max_collisions;      ///< 0 = rule, -1 = none
+  double margin_m;             ///< since version 7: the tool counts with everything within this of it; 0 = none. Behind
+                               ///< the same tool without one, for accessvdb_point::margin_m
 } accessvdb_tool_spec;
 
 /// Makes a field of up to 32 tools over one map. Each tool's result is that of a field with it alone.

@@ -36,6 +36,8 @@ class SurfacePoints {
   [[nodiscard]] virtual std::int32_t attribute(std::size_t /*index*/, std::size_t /*column*/) const {
     return kNoAttribute;
   }
+  /// Whether points have SurfacePoint::margin_m.
+  [[nodiscard]] virtual bool hasMargins() const { return false; }
   /// What the first return of a point had, where scans say it and points.las is to.
   struct FirstReturn {
     double gps_time = 0;

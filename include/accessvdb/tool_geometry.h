@@ -41,12 +41,19 @@ class ACCESSVDB_API ToolGeometry {
   /// before a body of 0.5 m; its farthest vertex is 1.13 m from the tip). @throws InvalidArgument for any other name.
   static ToolGeometry builtin(const std::string& name);
 
+  /// The same tool with everything within a margin of it (docs/tools.md, "How much room"): where it reaches a point,
+  /// the tool does with that much room. It may collide with as many voxels as the tool without the margin. A margin of
+  /// its own is replaced; 0 takes it away. Mesh, name and size are the tool's; sha256() is another.
+  /// @throws InvalidArgument "tool.margin"  if it is negative, not finite, or larger than the tool
+  [[nodiscard]] ToolGeometry grownBy(double margin_m) const;
+
   [[nodiscard]] const std::vector<Eigen::Vector3f>& vertices_T() const { return vertices_T_; }
   [[nodiscard]] const std::vector<std::array<std::uint32_t, 3>>& triangles() const { return triangles_; }
   [[nodiscard]] const std::string& name() const { return name_; }                 ///< file name or builtin name
-  [[nodiscard]] const std::string& sha256() const { return sha256_; }             ///< of vertices and triangles
+  [[nodiscard]] const std::string& sha256() const { return sha256_; }             ///< of vertices, triangles and margin
   [[nodiscard]] const std::vector<std::string>& notes() const { return notes_; }  ///< repairs, oddities, in words
   [[nodiscard]] bool watertight() const { return watertight_; }
+  [[nodiscard]] double margin_m() const { return margin_m_; }
   [[nodiscard]] Eigen::Vector3f min_T() const { return min_T_; }
   [[nodiscard]] Eigen::Vector3f max_T() const { return max_T_; }
   [[nodiscard]] float reach_m() const { return reach_m_; }  ///< farthest vertex from the tip
@@ -60,6 +67,7 @@ class ACCESSVDB_API ToolGeometry {
   bool watertight_ = false;
   Eigen::Vector3f min_T_ = Eigen::Vector3f::Zero(), max_T_ = Eigen::Vector3f::Zero();
   float reach_m_ = 0;
+  double margin_m_ = 0;
 };
 
 }  // namespace accessvdb

@@ -29,6 +29,14 @@ struct ToolSpec {
 /// Most tools of a field: SurfacePoint::tools has a bit for each.
 inline constexpr std::size_t kMostTools = 32;
 
+/// Each tool, and behind it the same tool grown by each margin (ToolGeometry::grownBy()), with its orientations and its
+/// limit: points then say how much room the tool has (SurfacePoint::margin_m). Names are filled in; those of grown
+/// tools end with the margin ("pruner_20mm"). A margin of 0 is the tool itself and adds nothing.
+/// @param tools  without margins  @param margins_m  in any order
+/// @throws InvalidArgument "tool.margin" (negative, not finite, larger than a tool), "tool.count", "tool.name"
+[[nodiscard]] ACCESSVDB_API std::vector<ToolSpec> withMargins(std::vector<ToolSpec> tools,
+                                                              std::vector<double> margins_m);
+
 /// The same tools with all names filled in. A name made from a tool's own ("builtin:pruner", "pruner.stl" -> "pruner")
 /// gets a number behind it where it is taken.
 /// @throws InvalidArgument "tool.count" (none, or more than kMostTools), "tool.name" (odd, or of two tools)

@@ -81,10 +81,13 @@ struct SurfacePoint {
   std::uint8_t roll = 0;                   ///< index of the best roll in that direction
   std::uint8_t tool = 0;                   ///< of several tools: the first that reaches the point, else the closest
   std::uint32_t tools = 0;                 ///< of several tools: bit k is set if tool k reaches the point
-  std::uint16_t score = kNoScore;          ///< fewest collisions of any direction
-  float weight = 0;                        ///< [w] observations behind the confidence
-  float confidence = 0;                    ///< [c] in [0, 1)
-  float stability = 1;                     ///< [a] in [0, 1]
+  /// Of a field with margins (withMargins()): the largest with which the tool that stands for the point still reaches
+  /// it, 0 if it reaches it with none. -1: it does not, or the field has no margins.
+  float margin_m = -1;
+  std::uint16_t score = kNoScore;  ///< fewest collisions of any direction
+  float weight = 0;                ///< [w] observations behind the confidence
+  float confidence = 0;            ///< [c] in [0, 1)
+  float stability = 1;             ///< [a] in [0, 1]
   PointLabel label = PointLabel::Unscored;
   PointReason reason = PointReason::Confidence;
   /// Accessible, c*a above UpdateParams::stability_min, and an update() came after the last scan and left no point

@@ -29,6 +29,9 @@ std::vector<Column> pointColumns() {
       column("tool", &P::tool,
              "(N,) uint8, of several tools: the first that reaches the point, else the one that came closest."),
       column("tools", &P::tools, "(N,) uint32, of several tools: bit k is set if tool k reaches the point."),
+      column("margin_m", &P::margin_m,
+             "(N,) float32, of a field with_margins(): the largest with which the tool still reaches the point; -1: "
+             "none."),
       column("score", &P::score, "(N,) uint16, fewest collisions of any direction, or NO_SCORE."),
       column("weight", &P::weight, "(N,) float32, [w] observations behind the confidence."),
       column("confidence", &P::confidence, "(N,) float32, [c] in [0, 1)."),
@@ -89,6 +92,7 @@ void bindSurfacePoint(py::module_& module) {
       .def_readonly("roll", &P::roll)
       .def_readonly("tool", &P::tool)
       .def_readonly("tools", &P::tools)
+      .def_readonly("margin_m", &P::margin_m)
       .def_readonly("score", &P::score)
       .def_readonly("weight", &P::weight)
       .def_readonly("confidence", &P::confidence)

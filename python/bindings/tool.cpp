@@ -88,8 +88,13 @@ void bindTool(py::module_& module) {
             return viewInto(self, py::dtype::of<std::uint32_t>(), t.data(), t.size(), sizeof t[0], 3);
           },
           "(M, 3) uint32, vertex indices, read-only.")
+      .def(
+          "grown_by", &ToolGeometry::grownBy, py::arg("margin_m"),
+          "The same tool with everything within a margin of it: where it reaches a point, the tool does with that much "
+          "room.")
+      .def_property_readonly("margin_m", &ToolGeometry::margin_m, "0: it is not grown.")
       .def_property_readonly("name", &ToolGeometry::name, "File name or builtin name.")
-      .def_property_readonly("sha256", &ToolGeometry::sha256, "Of vertices and triangles.")
+      .def_property_readonly("sha256", &ToolGeometry::sha256, "Of vertices, triangles and margin.")
       .def_property_readonly("notes", &ToolGeometry::notes, "Repairs and oddities, in words.")
       .def_property_readonly("watertight", &ToolGeometry::watertight)
       .def_property_readonly(
@@ -124,6 +129,15 @@ void bindTool(py::module_& module) {
       .def("__repr__", [](const ToolSpec& spec) {
         return "<accessvdb.ToolSpec " + spec.name + ": " + spec.tool.name() + ", " + spec.orientations.text() + ">";
       });
+  module.def(
+      "with_margins",
+      [](const py::object& tools, std::vector<double> margins_m) {
+        return withMargins(toolsFrom(tools), std::move(margins_m));
+      },
+      py::arg("tools"), py::arg("margins_m"),
+      "Each tool, and behind it the same tool grown by each margin, as tools of a field: its points then have "
+      "margin_m, "
+      "how much room there is.");
 }
 
 }  // namespace accessvdb::python

@@ -31,6 +31,7 @@ accessvdb_point pointToC(const SurfacePoint& p) {
   c.roll = p.roll;
   c.tool = p.tool;
   c.tools = p.tools;
+  c.margin_m = p.margin_m;
   const Eigen::Quaternionf& q = p.orientation_WT;
   const float wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
   std::copy_n(wxyz, 4, c.orientation_WT);

@@ -273,7 +273,9 @@ class Page {
         {"hashes", hashes()},
         {"tool", folder_.tools.empty() ? drawn(0) : Json(nullptr)}};
     for (std::size_t k = 0; k < folder_.tools.size(); ++k)
-      json["tools"].push_back({{"name", folder_.tools[k]}, {"drawn", drawn(k)}});
+      json["tools"].push_back({{"name", folder_.tools[k]},
+                               {"margin_m", numberOr(folder_.metadataOf(ofTool(k) + "margin_m"), 0)},
+                               {"drawn", drawn(k)}});
     if (!ups_.empty()) json["ups"] = ups_;
     if (!folder_.attributes.empty()) json["tables"] = tables();
     for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"title", options_.title},

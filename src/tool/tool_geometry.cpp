@@ -53,7 +53,8 @@ std::string escaped(const std::string& name) {
 }
 
 /// Counts are written little endian and coordinates as their bits, so that the digest is platform-independent.
-std::string digestOf(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles) {
+std::string digestOf(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles,
+                     double margin_m) {
   static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(Triangle) == 12);
   EVP_MD_CTX* context = EVP_MD_CTX_new();
   unsigned char digest[EVP_MAX_MD_SIZE];
@@ -63,6 +64,7 @@ std::string digestOf(const std::vector<Eigen::Vector3f>& vertices, const std::ve
                     EVP_DigestUpdate(context, counts, sizeof counts) == 1 &&
                     EVP_DigestUpdate(context, vertices.data(), 12 * vertices.size()) == 1 &&
                     EVP_DigestUpdate(context, triangles.data(), 12 * triangles.size()) == 1 &&
+                    (margin_m == 0 || EVP_DigestUpdate(context, &margin_m, sizeof margin_m) == 1) &&
                     EVP_DigestFinal_ex(context, digest, &size) == 1;
   EVP_MD_CTX_free(context);
   if (!done) throw InternalError("tool.digest", "", "the SHA-256 of the tool could not be computed");
@@ -274,7 +276,7 @@ ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T
   tool.notes_ = notesOf(mesh, (tool.max_T_ - tool.min_T_).cast<double>().maxCoeff());
   tool.vertices_T_ = std::move(mesh.vertices);
   tool.triangles_ = std::move(mesh.triangles);
-  tool.sha256_ = digestOf(tool.vertices_T_, tool.triangles_);
+  tool.sha256_ = digestOf(tool.vertices_T_, tool.triangles_, 0);
   for (std::string& note : tipWarnings(placeOfTip(tool), {})) tool.notes_.push_back(std::move(note));
   return tool;
 }
@@ -348,6 +350,19 @@ ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::opti
   }
   for (std::string& warning : tipWarnings(place, words)) tool.notes_.push_back(std::move(warning));
   return tool;
+}
+
+ToolGeometry ToolGeometry::grownBy(double margin_m) const {
+  const double size_m = (max_T_ - min_T_).cast<double>().maxCoeff();
+  if (!(margin_m >= 0 && margin_m <= size_m)) {
+    throw InvalidArgument("tool.margin", number(margin_m) + " m",
+                          "is not a margin of " + name_ + ", which is " + number(size_m) + " m large",
+                          "Use 0 to " + number(size_m) + " m");
+  }
+  ToolGeometry grown = *this;
+  grown.margin_m_ = margin_m;
+  grown.sha256_ = digestOf(vertices_T_, triangles_, margin_m);
+  return grown;
 }
 
 ToolGeometry ToolGeometry::builtin(const std::string& name) {

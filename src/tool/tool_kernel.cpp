@@ -12,6 +12,7 @@
 #include <string>
 
 #include "accessvdb/error.h"
+#include "tool/grown_voxels.h"
 #include "tool/orientation_count.h"
 #include "tool/surface_samples.h"
 #include "tool/tool_solid.h"
@@ -36,6 +37,25 @@ constexpr double kCollisionShare = 0.005;
 Eigen::Vector3d turned(const Eigen::Matrix3d& R_WT, double x, double y, double z) {
   const auto row = [&](Eigen::Index n) { return R_WT(n, 0) * x + R_WT(n, 1) * y + R_WT(n, 2) * z; };
   return {row(0), row(1), row(2)};
+}
+
+/// @throws InvalidArgument "tool.margin"  for one that voxels cannot show, or samples of the surface
+void requireMargin(const ToolGeometry& tool, const FieldParams& resolved) {
+  const double margin_m = tool.margin_m(), voxel_size_m = resolved.tsdf.voxel_size_m;
+  if (margin_m == 0) return;
+  const std::string named = std::to_string(margin_m) + " m";
+  if (resolved.scoring.form == ToolForm::SurfaceSamples) {
+    throw InvalidArgument("tool.margin", named, "samples of a tool's surface have no margin", "Use ToolForm::Voxels");
+  }
+  if (margin_m * (1 + 1e-9) < voxel_size_m) {
+    throw InvalidArgument("tool.margin", named, "is less than a voxel of " + std::to_string(voxel_size_m) + " m",
+                          "Leave it out, or use a smaller voxel_size_m");
+  }
+  if (margin_m > kMostMargin_voxels * voxel_size_m) {
+    throw InvalidArgument("tool.margin", named,
+                          "is more than " + std::to_string(static_cast<int>(kMostMargin_voxels)) + " voxels",
+                          "Use a smaller margin, or a larger voxel_size_m");
+  }
 }
 
 /// Lower bound on the columns of all directions, from the surface area: one column per direction for each cell of the
@@ -110,7 +130,7 @@ struct Box {
 };
 
 double hiddenShare(const SolidVoxels& voxels) {
-  return voxels.all > 0 ? 1 - double(countVoxels(voxels.runs)) / double(voxels.all) : 0;
+  return voxels.all > 0 ? 1 - double(voxels.all - voxels.hidden) / double(voxels.all) : 0;
 }
 
 /// Voxels of the tool left after self-exclusion, at the yaw direction that has the fewest.
@@ -166,6 +186,7 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved,
                             " voxels; at most 30000 can be handled",
                         "Use a larger voxel_size_m, or check LengthUnit and ToolPose::tip");
   }
+  requireMargin(tool, resolved);
   if (const double fewest = fewestColumns(tool, v, resolved.approach); fewest > kMaxColumns) {
     refuseColumns(tool, resolved, rolls.count, fewest);
   }

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "accessvdb/tool_tables.h"
+#include "tool/grown_voxels.h"
 #include "tool/voxel_runs.h"
 
 namespace accessvdb::internal {
@@ -77,11 +78,20 @@ ToolSolid::ToolSolid(const ToolGeometry& tool) : tool_(tool) {
 
 SolidVoxels ToolSolid::voxels(const std::vector<Eigen::Vector3d>& vertices, double voxel_size_m,
                               double self_exclusion_voxels) const {
+  SolidVoxels solid = ownVoxels(vertices, voxel_size_m, self_exclusion_voxels);
+  if (tool_.margin_m() > 0)
+    solid.runs = grownVoxels(solid.runs, tool_.margin_m() / voxel_size_m, self_exclusion_voxels);
+  return solid;
+}
+
+SolidVoxels ToolSolid::ownVoxels(const std::vector<Eigen::Vector3d>& vertices, double voxel_size_m,
+                                 double self_exclusion_voxels) const {
   SolidVoxels solid;
   if (tool_.watertight()) {
     solid.runs = voxelize(vertices, tool_.triangles(), true);
     solid.all = countVoxels(solid.runs);
-    solid.counted = solid.all - removeBall(solid.runs, self_exclusion_voxels);
+    solid.hidden = removeBall(solid.runs, self_exclusion_voxels);
+    solid.counted = solid.all - solid.hidden;
     return solid;
   }
   const double tear = openings_.tear_m / voxel_size_m;
@@ -103,7 +113,7 @@ SolidVoxels ToolSolid::voxels(const std::vector<Eigen::Vector3d>& vertices, doub
   // What is enclosed blocks, but may be a cavity that the whole tool does not fill: it does not count for the limit.
   joinRuns(certain);
   solid.all = countVoxels(solid.runs);
-  removeBall(solid.runs, self_exclusion_voxels);
+  solid.hidden = removeBall(solid.runs, self_exclusion_voxels);
   removeBall(certain, self_exclusion_voxels);
   solid.counted = countVoxels(certain);
   if (closes) solid.counted = static_cast<std::uint64_t>(std::floor(kCertainShare * double(solid.counted)));

@@ -91,7 +91,7 @@ TEST_P(Rolling, EqualsAFieldWithoutALimit) {
   EXPECT_EQ(differences(expected, rolling.snapshot()), 0U);
   expectVaried(expected);
   if (test.change == ChangeMode::Full) {
-    EXPECT_GT(std::ranges::count(expected.points, PointReason::Changed, &SurfacePoint::reason), 20);
+    EXPECT_GT(std::ranges::count(expected.points, PointReason::Changed, &SurfacePoint::reason), 10);
   }
   if (test.spacing_m > 0) {
     EXPECT_GT(std::ranges::count(expected.points, PointReason::BesideSurface, &SurfacePoint::reason), 100);
@@ -449,19 +449,26 @@ TEST(RollingRefusals, NameWhatIsWrong) {
   EXPECT_EQ(refused(paramsOf(test), fine), "taken");
 }
 
+/// Of tiles that are scored once, at the end. On a GPU what scoring adds is not on the host.
+double shareOfUnscored() { return backendNamedBy("ACCESSVDB_TILE_DEVICE") == BackendKind::Cuda ? 0.65 : 0.5; }
+
 std::vector<Case> cases() {
   std::vector<Case> all = {
       {.name = "off"},
       {.name = "block", .seed = 2, .change = ChangeMode::Block},
       {.name = "every_third", .seed = 3, .change = ChangeMode::Block, .update_every = 3},
-      {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = 0.5},
+      {.name = "at_the_end", .seed = 4, .update_every = 0, .memory_share = shareOfUnscored()},
       {.name = "two_tools", .seed = 5, .change = ChangeMode::Block, .update_every = 5, .tools = 2},
       {.name = "ray_cloud", .seed = 6, .ray_cloud = true},
       {.name = "points_of_surface", .seed = 7, .change = ChangeMode::Block, .spacing_m = 0.1},
       {.name = "full", .seed = 20, .change = ChangeMode::Full},
       {.name = "full_ray_cloud", .seed = 21, .change = ChangeMode::Full, .ray_cloud = true},
       {.name = "full_two_tools", .seed = 22, .change = ChangeMode::Full, .update_every = 5, .tools = 2},
-      {.name = "full_at_the_end", .seed = 23, .change = ChangeMode::Full, .update_every = 0, .memory_share = 0.5},
+      {.name = "full_at_the_end",
+       .seed = 23,
+       .change = ChangeMode::Full,
+       .update_every = 0,
+       .memory_share = shareOfUnscored()},
       {.name = "full_forgets", .seed = 24, .change = ChangeMode::Full, .free_for_s = 1}};
   for (int n = 0; n < worlds(0); ++n) {
     std::mt19937_64 random(1000 + n);
@@ -475,7 +482,7 @@ std::vector<Case> cases() {
                    .memory_share = uniform(random, 0.65, 0.8)});
     if (n % 4 >= 2) all.back().memory_share = uniform(random, 0.7, 0.8);  // scans that see farther
     if (n % 4 == 3) all.back().free_for_s = uniform(random, 0.3, 3);
-    if (all.back().update_every == 0) all.back().memory_share = 0.5;  // of tiles that were never scored
+    if (all.back().update_every == 0) all.back().memory_share = shareOfUnscored();
   }
   return all;
 }

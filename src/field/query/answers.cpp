@@ -18,7 +18,7 @@ using PointsOfEach = std::vector<std::unique_ptr<const SurfacePoints>>;
 
 std::unique_ptr<const SurfacePoints> pointsOf(const FieldStages& field, PointsOfEach each) {
   if (each.size() == 1) return std::move(each.front());
-  return std::make_unique<PointsOfTools>(std::move(each), field.tools.collisionLimits());
+  return std::make_unique<PointsOfTools>(std::move(each), field.tools.traits());
 }
 
 std::unique_ptr<PointScorer> freshScorer(const FieldStages& field, const ToolScoring& tool) {
@@ -81,7 +81,7 @@ SurfacePoint scoredPoint(const FieldStages& field, std::uint32_t id) {
   std::vector<SurfacePoint> each;
   for (std::size_t k = 0; k < field.tools.size(); ++k) each.push_back(scoredPoint(scoredFor(field, k), id));
   if (each.size() == 1) return each.front();  // of one tool alone, points do not say which
-  return pointOfTools(each, field.tools.collisionLimits());
+  return pointOfTools(each, field.tools.traits());
 }
 
 FieldSnapshot evaluatedFromScratch(const FieldStages& field, std::uint64_t* tests) {
@@ -123,8 +123,9 @@ FitInputs fitInputs(FieldStages& field) {
 ViewInputs viewedParts(FieldStages& field) {
   field.steps.requireWhole();
   std::vector<ViewedTool> tools;
+  const std::vector<ToolTraits> traits = field.tools.traits();
   for (const auto& tool : field.tools) {
-    tools.push_back({*tool->scorer, tool->setup.hostApproach(), tool->collisionLimit()});
+    tools.push_back({*tool->scorer, tool->setup.hostApproach(), tool->collisionLimit(), isGrown(traits, tools.size())});
   }
   const ScoringTables tables = field.tools.front().setup.tables(field.mirrors.grid());
   const kernels::DistanceView distances = {field.mirrors.distanceGrid(), tables.map.inverse_voxel_size};

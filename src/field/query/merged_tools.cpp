@@ -76,7 +76,8 @@ MergedTools::MergedTools(kernels::Backend& backend, std::span<const ViewedTool> 
     std::array<ToolVerdict, kMostTools> verdicts;
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       for (std::size_t k = 0; k < tools.size(); ++k) {
-        verdicts[k] = {states[k].label[n], states[k].reason[n], states[k].score[n], tools[k].collision_limit};
+        verdicts[k] = {states[k].label[n], states[k].reason[n], states[k].score[n], tools[k].collision_limit,
+                       tools[k].grown};
       }
       const std::size_t best = bestTool(std::span(verdicts).first(tools.size()));
       const ToolState& from = states[best];

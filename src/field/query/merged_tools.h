@@ -19,6 +19,7 @@ struct ViewedTool {
   const PointScorer& scorer;
   kernels::ApproachView approach;  ///< in host memory
   std::uint16_t collision_limit;
+  bool grown;  ///< as ToolVerdict::grown
 };
 
 class MergedTools {

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Names, checks and descriptions of several tools.
 #include <algorithm>
+#include <charconv>
 #include <filesystem>
 #include <set>
 #include <sstream>
@@ -22,13 +23,34 @@ bool isNameLetter(char c) {
   return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
 }
 
+std::string withEnding(const std::string& name, const std::string& ending) {
+  return name.substr(0, kLongestName - std::min(ending.size(), kLongestName)) + ending;
+}
+
+/// "_20mm", "_2-5mm": points are no letters of a name.
+std::string marginEnding(double margin_m) {
+  char text[40];
+  std::string ending(text, std::to_chars(text, text + sizeof text, 1000 * margin_m, std::chars_format::fixed, 3).ptr);
+  ending.erase(ending.find_last_not_of('0') + 1);
+  if (ending.back() == '.') ending.pop_back();
+  std::replace(ending.begin(), ending.end(), '.', '-');
+  return "_" + ending + "mm";
+}
+
 std::string nameFrom(const ToolGeometry& tool) {
   const std::string builtin = "builtin:";
   std::string name = tool.name().starts_with(builtin) ? tool.name().substr(builtin.size())
                                                       : std::filesystem::path(tool.name()).stem().string();
   for (char& c : name) c = isNameLetter(c) ? c : '_';
   name.resize(std::min(name.size(), kLongestName));
-  return name.empty() ? "tool" : name;
+  if (name.empty()) name = "tool";
+  return tool.margin_m() > 0 ? withEnding(name, marginEnding(tool.margin_m())) : name;
+}
+
+/// Shortest text that reads back as the same number.
+std::string exactText(double value) {
+  char text[40];
+  return {text, std::to_chars(text, text + sizeof text, value).ptr};
 }
 
 void requireNames(const std::vector<ToolSpec>& tools) {
@@ -64,10 +86,28 @@ std::vector<ToolSpec> namedTools(std::vector<ToolSpec> tools) {
     for (int n = 2; !taken.insert(spec.name).second; ++n) {
       std::string number = "_";
       number += std::to_string(n);
-      spec.name = stem.substr(0, kLongestName - number.size()) + number;
+      spec.name = withEnding(stem, number);
     }
   }
   return tools;
+}
+
+std::vector<ToolSpec> withMargins(std::vector<ToolSpec> tools, std::vector<double> margins_m) {
+  tools = namedTools(std::move(tools));
+  std::sort(margins_m.begin(), margins_m.end());
+  margins_m.erase(std::unique(margins_m.begin(), margins_m.end()), margins_m.end());
+  std::vector<ToolSpec> all;
+  for (const ToolSpec& spec : tools) {
+    all.push_back(spec);
+    for (const double margin_m : margins_m) {
+      ToolSpec grown = spec;
+      grown.tool = spec.tool.grownBy(margin_m);
+      if (margin_m == 0) continue;
+      grown.name = withEnding(spec.name, marginEnding(margin_m));
+      all.push_back(std::move(grown));
+    }
+  }
+  return namedTools(std::move(all));
 }
 
 std::vector<ToolSpec> onlyTool(const ToolGeometry& tool, const FieldParams& params) {
@@ -88,7 +128,7 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
   };
   std::string out, names;
   for (const ToolSpec& spec : tools) names.append(names.empty() ? "" : ",").append(spec.name);
-  bool oriented = false, rolled = false;
+  bool oriented = false, rolled = false, grown = false;
   std::istringstream shared(params.describe());
   for (std::string line; std::getline(shared, line);) {
     if (!isOwn(line)) out += line + "\n";
@@ -96,6 +136,8 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
   for (const ToolSpec& spec : tools) {
     const std::string prefix = std::string("tool_").append(spec.name).append("_");
     out += prefix + "sha256 " + spec.tool.sha256() + "\n";
+    if (spec.tool.margin_m() > 0) out += prefix + "margin_m " + exactText(spec.tool.margin_m()) + "\n";
+    grown = grown || spec.tool.margin_m() > 0;
     FieldParams of_tool = toolParams(spec, params);
     of_tool.approach.rolls = internal::toolRolls(spec.tool, of_tool.approach).count;
     std::istringstream own(of_tool.describe());
@@ -106,7 +148,13 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
       rolled = rolled || line.starts_with("rolls ");
     }
   }
-  // These three say which columns a file of points has.
+  // These say which columns a file of points has.
+  if (grown) {
+    std::string margins_m;
+    for (const ToolSpec& spec : tools)
+      margins_m.append(margins_m.empty() ? "" : ",").append(exactText(spec.tool.margin_m()));
+    out += "margins_m " + margins_m + "\n";
+  }
   out += "tools " + names + "\n";
   if (oriented) out += "orientations by_tool\n";
   if (rolled) out += "rolls by_tool\n";

@@ -15,6 +15,7 @@
 #include "accessvdb/tool_spec.h"
 #include "change/gone_points.h"
 #include "field/state/state_head.h"
+#include "field/tools/best_tool.h"
 #include "field/tools/scoring_setup.h"
 #include "field/tools/shared_tables.h"
 #include "field/tools/window_margins.h"
@@ -73,6 +74,7 @@ class ToolsOfField {
   /// How far the results of any of them depend on what is around.
   [[nodiscard]] WindowMargins margins() const;
   [[nodiscard]] std::vector<std::uint16_t> collisionLimits() const;
+  [[nodiscard]] std::vector<ToolTraits> traits() const { return toolTraits(specs_, collisionLimits()); }
 
   /// Forgets the state of all points. The scheduler has to be made again.
   void forget();

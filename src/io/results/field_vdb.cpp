@@ -38,6 +38,7 @@ class FieldGrids {
   struct Kind {
     bool rolls = false;              ///< the tool rolls
     std::vector<std::string> tools;  ///< names of several
+    bool margins = false;            ///< some of them are grown
   };
   FieldGrids(const VolumeGrids& volume, const SurfacePoints& points, const io::WriteOptions& options, Kind kind)
       : volume_(volume), points_(points), options_(options), kind_(std::move(kind)), surface_(points) {}
@@ -75,6 +76,7 @@ class FieldGrids {
   [[nodiscard]] openvdb::GridBase::Ptr bestDirection() const;
   [[nodiscard]] openvdb::GridBase::Ptr bestRoll() const;
   [[nodiscard]] openvdb::GridBase::Ptr bestTool() const;
+  [[nodiscard]] openvdb::GridBase::Ptr margin() const;
 
   const VolumeGrids& volume_;
   const SurfacePoints& points_;
@@ -128,6 +130,15 @@ openvdb::GridBase::Ptr FieldGrids::bestTool() const {
                     "first tool that reaches the voxel, from 0; where none does, the one that came closest", false});
 }
 
+openvdb::GridBase::Ptr FieldGrids::margin() const {
+  constexpr float kNoMargin_m = -1.0f;
+  const auto keep = [](const SurfacePoint& point) { return point.margin_m >= 0; };
+  const auto value = [](const SurfacePoint& point, std::uint32_t) { return point.margin_m; };
+  return described(
+      surface_.grid<openvdb::FloatGrid>("margin_m", kNoMargin_m, keep, value),
+      {openvdb::GRID_UNKNOWN, "m", "largest margin around the tool with which it still reaches the voxel", false});
+}
+
 std::vector<LazyGrid> FieldGrids::list() const {
   const auto labelled = [](PointLabel label) {
     return [label](const SurfacePoint& point) { return point.label == label; };
@@ -141,6 +152,7 @@ std::vector<LazyGrid> FieldGrids::list() const {
   grids.push_back({"best_direction", [this] { return bestDirection(); }});
   if (kind_.rolls) grids.push_back({"best_roll", [this] { return bestRoll(); }});
   if (!kind_.tools.empty()) grids.push_back({"best_tool", [this] { return bestTool(); }});
+  if (kind_.margins) grids.push_back({"margin_m", [this] { return margin(); }});
   for (std::size_t k = 0; k < kind_.tools.size(); ++k) {
     const auto reached = [k](const SurfacePoint& point) { return (point.tools >> k & 1) != 0; };
     grids.push_back(fog("accessible_" + kind_.tools[k], reached, "1 in surface voxels that this tool can reach"));
@@ -178,6 +190,7 @@ void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volum
   FieldGrids::Kind kind;
   for (const auto& [name, text] : metadata) {
     kind.rolls = kind.rolls || name == "rolls";
+    kind.margins = kind.margins || name == "margins_m";
     if (name != "tools") continue;
     std::istringstream names(text);
     for (std::string tool; std::getline(names, tool, ',');) kind.tools.push_back(tool);

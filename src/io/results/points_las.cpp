@@ -167,6 +167,11 @@ std::vector<LasRecord> recordsOf(const SurveyFrame& frame) {
   return records;
 }
 
+/// Of extra bytes.
+std::size_t columnsOf(const LasContent& content) {
+  return kColumns.size() + (content.margins ? 1 : 0) + content.carried.size();
+}
+
 LasHeader headerOf(const LasContent& content, const LasGrid& grid) {
   LasHeader header;
   copyText(header.software, std::string("AccessVDB ") + programVersion());
@@ -176,12 +181,11 @@ LasHeader headerOf(const LasContent& content, const LasGrid& grid) {
   header.year = frame.year;
   header.day = frame.day;
   const std::vector<LasRecord> records = recordsOf(frame);
-  const std::size_t columns = kColumns.size() + content.carried.size();
-  std::size_t bytes = sizeof(LasHeader) + sizeof(RecordHead) + columns * sizeof(ExtraBytes);
+  std::size_t bytes = sizeof(LasHeader) + sizeof(RecordHead) + columnsOf(content) * sizeof(ExtraBytes);
   for (const LasRecord& record : records) bytes += sizeof(RecordHead) + record.bytes.size();
   header.records = static_cast<std::uint32_t>(1 + records.size());
   header.data_offset = static_cast<std::uint32_t>(bytes);
-  header.point_bytes = static_cast<std::uint16_t>(sizeof(LasPoint) + content.carried.size() * sizeof(std::int32_t));
+  header.point_bytes = static_cast<std::uint16_t>(sizeof(LasPoint) + content.furtherBytes());
   header.points = header.by_return[0] = content.points;
   for (int axis = 0; axis < 3; ++axis) {
     header.scale[axis] = grid.scale[axis];
@@ -214,7 +218,7 @@ std::int32_t LasGrid::steps(double x_W, int axis) const {
 }
 
 LasWriter::LasWriter(std::ostream& stream, const LasContent& content)
-    : stream_(stream), grid_(content.origin_W, content.frame) {
+    : stream_(stream), grid_(content.origin_W, content.frame), margins_(content.margins) {
   write(stream_, headerOf(content, grid_));
   for (const LasRecord& record : recordsOf(content.frame)) {
     RecordHead own;
@@ -228,15 +232,17 @@ LasWriter::LasWriter(std::ostream& stream, const LasContent& content)
     stream_.write(record.bytes.data(), static_cast<std::streamsize>(record.bytes.size()));
   }
   RecordHead head;
-  head.bytes = static_cast<std::uint16_t>((kColumns.size() + content.carried.size()) * sizeof(ExtraBytes));
+  head.bytes = static_cast<std::uint16_t>(columnsOf(content) * sizeof(ExtraBytes));
   write(stream_, head);
-  for (const Column& column : kColumns) {
+  const auto describe = [&](const Column& column) {
     ExtraBytes extra;
     extra.type = column.type;
     copyText(extra.name, column.name);
     copyText(extra.description, column.description);
     write(stream_, extra);
-  }
+  };
+  for (const Column& column : kColumns) describe(column);
+  if (margins_) describe({ExtraType::F32, "margin_m", "room around the tool, -1 none"});
   for (std::size_t n = 0; n < content.carried.size(); ++n) {
     if (lower(content.carried[n]) == kClass) class_ = n;
     ExtraBytes extra;
@@ -269,6 +275,7 @@ void LasWriter::add(const SurfacePoint& point, std::span<const std::int32_t> car
     record.classification = static_cast<std::uint8_t>(carried[*class_]);
   }
   write(stream_, record);
+  if (margins_) write(stream_, point.margin_m);
   for (const std::int32_t value : carried) write(stream_, value);
 }
 
@@ -277,7 +284,8 @@ void LasWriter::add(const SurfacePoint& point, std::span<const std::int32_t> car
 namespace accessvdb::io {
 
 void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points, const SurveyFrame& frame) {
-  internal::LasContent content = {points.origin_W(), {}, {}, points.size(), points.attributeNames(), frame};
+  internal::LasContent content = {points.origin_W(),  {}, {}, points.size(), points.attributeNames(), frame,
+                                  points.hasMargins()};
   Eigen::AlignedBox3d box;
   for (std::size_t n = 0; n < points.size(); ++n) box.extend(points.position_W(n));
   content.min_W = box.min();

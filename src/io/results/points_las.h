@@ -35,6 +35,10 @@ struct LasContent {
   std::uint64_t points = 0;
   std::vector<std::string> carried = {};  ///< names of what the returns carried
   SurveyFrame frame = {};
+  bool margins = false;  ///< SurfacePoints::hasMargins()
+
+  /// Bytes of a point behind LAS's own and kColumns.
+  [[nodiscard]] std::size_t furtherBytes() const { return (carried.size() + (margins ? 1 : 0)) * 4; }
 };
 
 /// Writes the points one after the other.
@@ -50,6 +54,7 @@ class LasWriter {
  private:
   std::ostream& stream_;
   LasGrid grid_;
+  bool margins_;
   std::optional<std::size_t> class_;  ///< which of the carried values is the point's class
 };
 

@@ -42,7 +42,7 @@ internal::PointsPlyColumns columnsOf(const FieldMetadata& metadata) {
   const auto has = [&](const char* name) {
     return std::any_of(metadata.begin(), metadata.end(), [&](const auto& entry) { return entry.first == name; });
   };
-  return {has("orientations"), has("orientations") && has("rolls"), has("tools"), 0};
+  return {has("orientations"), has("orientations") && has("rolls"), has("tools"), has("margins_m"), 0};
 }
 
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
@@ -68,6 +68,9 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   }
   for (const auto& property : internal::kPointsPlyTools) {
     if (columns.tools) stream << "property " << property.type << " " << property.name << "\n";
+  }
+  if (columns.margin) {
+    stream << "property " << internal::kPointsPlyMargin.type << " " << internal::kPointsPlyMargin.name << "\n";
   }
   for (const std::string& name : points.attributeNames()) stream << internal::kPointsPlyCarried << name << "\n";
   stream << "end_header\n";
@@ -96,7 +99,8 @@ char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyCo
     to = put(to, point.direction);
   }
   if (columns.roll) to = put(to, point.roll);
-  return columns.tools ? put(put(to, point.tool), point.tools) : to;
+  if (columns.tools) to = put(put(to, point.tool), point.tools);
+  return columns.margin ? put(to, point.margin_m) : to;
 }
 
 }  // namespace

@@ -156,9 +156,10 @@ class PlyReader {
   static constexpr std::size_t kMostProperties = 64;
   /// @param properties  "type name" of each, in their order
   static std::optional<internal::PointsPlyColumns> columnsOf(const std::vector<std::string>& properties) {
-    constexpr internal::PointsPlyColumns kKinds[] = {{false, false, false, 0}, {true, false, false, 0},
-                                                     {true, true, false, 0},   {false, false, true, 0},
-                                                     {true, false, true, 0},   {true, true, true, 0}};
+    constexpr internal::PointsPlyColumns kKinds[] = {
+        {false, false, false, false, 0}, {true, false, false, false, 0}, {true, true, false, false, 0},
+        {false, false, true, false, 0},  {true, false, true, false, 0},  {true, true, true, false, 0},
+        {false, false, true, true, 0},   {true, false, true, true, 0},   {true, true, true, true, 0}};
     for (const internal::PointsPlyColumns& columns : kKinds) {
       std::vector<std::string> expected;
       const auto add = [&](const internal::PointProperty& property) {
@@ -172,6 +173,7 @@ class PlyReader {
       for (const auto& property : internal::kPointsPlyTools) {
         if (columns.tools) add(property);
       }
+      if (columns.margin) add(internal::kPointsPlyMargin);
       if (properties == expected) return columns;
     }
     return std::nullopt;
@@ -204,7 +206,8 @@ class PlyReader {
     // A damaged file must not be taken for data.
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
-                        std::isfinite(point.yaw_rad) && point.orientation_WT.coeffs().allFinite();
+                        std::isfinite(point.yaw_rad) && point.orientation_WT.coeffs().allFinite() &&
+                        std::isfinite(point.margin_m);
     if (!finite || static_cast<int>(point.label) >= kNumPointLabels ||
         static_cast<int>(point.reason) >= kNumPointReasons || point.tool >= kMostTools) {
       fail("malformed",
@@ -331,6 +334,7 @@ SurfacePoint pointOfRecord(const char* from, const PointsPlyColumns& columns) {
     point.tool = io::take<std::uint8_t>(from);
     point.tools = io::take<std::uint32_t>(from);
   }
+  if (columns.margin) point.margin_m = io::take<float>(from);
   return point;
 }
 

@@ -71,7 +71,9 @@ class PositionColumn {
 /// Makes the grid column by column.
 class PointGridMaker {
  public:
-  PointGridMaker(const SurfacePoints& points, const io::WriteOptions& options) : points_(points), options_(options) {}
+  /// @param margins  some of the tools are grown
+  PointGridMaker(const SurfacePoints& points, const io::WriteOptions& options, bool margins)
+      : points_(points), options_(options), margins_(margins) {}
   [[nodiscard]] PointDataGrid::Ptr make();
 
  private:
@@ -88,6 +90,7 @@ class PointGridMaker {
 
   const SurfacePoints& points_;
   const io::WriteOptions& options_;
+  bool margins_;
   openvdb::tools::PointIndexGrid::Ptr index_;
   PointDataGrid::Ptr grid_;
 };
@@ -135,6 +138,7 @@ PointDataGrid::Ptr PointGridMaker::make() {
   addColumn<int>("reason", [](const SurfacePoint& p, io::UpAxis) { return static_cast<int>(p.reason); });
   addColumn<int>(
       "score", [](const SurfacePoint& p, io::UpAxis) { return p.score == kNoScore ? -1 : static_cast<int>(p.score); });
+  if (margins_) addColumn<float>("margin_m", [](const SurfacePoint& p, io::UpAxis) { return p.margin_m; });
   const std::vector<std::string> carried = points_.attributeNames();
   for (std::size_t c = 0; c < carried.size(); ++c) {
     openvdb::points::appendAttribute<int, NullCodec>(grid_->tree(), carried[c]);
@@ -155,8 +159,10 @@ void writePointsVdb(const std::filesystem::path& path, const SurfacePoints& poin
                     const WriteOptions& options) {
   openvdb::initialize();
   const auto file_metadata = internal::fieldMetadata(points, metadata, options);
+  const bool margins =
+      std::any_of(metadata.begin(), metadata.end(), [](const auto& entry) { return entry.first == "margins_m"; });
   const auto make = [&]() -> openvdb::GridBase::Ptr {
-    const auto grid = internal::PointGridMaker(points, options).make();
+    const auto grid = internal::PointGridMaker(points, options, margins).make();
     for (const char* name : {"origin_W_x", "origin_W_y", "origin_W_z", "length_unit", "up_axis", "accessvdb_version"}) {
       grid->insertMeta(name, *file_metadata[name]);
     }

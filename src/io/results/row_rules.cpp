@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "io/results/row_rules.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <sstream>
@@ -15,11 +16,17 @@ constexpr float kUnitTolerance = 1e-2f;
 /// Of a share that a float32 rounds up.
 constexpr float kShareTolerance = 1e-5f;
 
+std::optional<double> numberIn(const std::string& text) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
 std::optional<double> numberOf(const io::FieldMetadata& metadata, const std::string& key) {
   for (const auto& [name, text] : metadata) {
-    double value = 0;
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (name == key && error == std::errc() && end == text.data() + text.size()) return value;
+    if (name != key) continue;
+    if (const auto value = numberIn(text)) return value;
   }
   return std::nullopt;
 }
@@ -38,7 +45,9 @@ RowRules::RowRules(const PointsPlyColumns& columns, const io::FieldMetadata& met
     return;
   }
   for (const auto& [key, text] : metadata) {
-    std::istringstream names(text);
+    std::istringstream names(text), margins(text);
+    for (std::string margin_m; key == "margins_m" && std::getline(margins, margin_m, ',');)
+      margins_m_.push_back(static_cast<float>(numberIn(margin_m).value_or(-1)));
     for (std::string name; key == "tools" && std::getline(names, name, ',');) {
       collision_limits_.push_back(numberOf(metadata, std::string("tool_").append(name).append("_collision_limit")));
     }
@@ -56,10 +65,19 @@ const char* RowRules::contradictionIn(const SurfacePoint& point) const {
   if (columns_.tools && point.tool >= collision_limits_.size()) return "its tool is none of the map's";
   if (columns_.tools && collision_limits_.size() < 32 && point.tools >> collision_limits_.size() != 0)
     return "tools reach it that the map does not have";
+  if (columns_.margin && !isMarginOf(point)) return "its margin is not one of those of the tools that reach it";
   if (point.label == PointLabel::Accessible) return contradictionInAccessible(point);
   if (columns_.tools && point.tools != 0) return "a tool reaches it, but it is not accessible";
   if (point.label == PointLabel::Blocked && point.reason == PointReason::None) return "it is blocked without a reason";
   return nullptr;
+}
+
+bool RowRules::isMarginOf(const SurfacePoint& point) const {
+  if (margins_m_.size() != collision_limits_.size()) return false;
+  float most_m = -1;
+  for (std::size_t k = point.tool; k < margins_m_.size() && (k == point.tool || margins_m_[k] > 0); ++k)
+    if ((point.tools >> k & 1) != 0) most_m = std::max(most_m, margins_m_[k]);
+  return point.margin_m == most_m;
 }
 
 const char* RowRules::contradictionInAccessible(const SurfacePoint& point) const {

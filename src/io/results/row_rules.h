@@ -22,10 +22,12 @@ class RowRules {
   [[nodiscard]] const char* contradictionIn(const SurfacePoint& point) const;
 
  private:
+  [[nodiscard]] bool isMarginOf(const SurfacePoint& point) const;
   [[nodiscard]] const char* contradictionInAccessible(const SurfacePoint& point) const;
 
   PointsPlyColumns columns_;
   std::vector<std::optional<double>> collision_limits_;  ///< of each tool; one if there is one
+  std::vector<float> margins_m_;                         ///< of each tool, where some are grown
   std::optional<double> rolls_;
 };
 

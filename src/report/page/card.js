@@ -71,6 +71,7 @@ function fillCard(card, {point, facts, chosen, tool, inside, close}) {
       row("Label", LABEL_WORDS[point.label]),
       ...(point.tools ? [row("Reached by", point.tools.map((k) => facts.tools[k].name).join(", ") || "no tool"),
                          row(point.tools.length > 0 ? "Way in of" : "Closest", facts.tools[point.tool].name)] : []),
+      ...(point.margin_m === null ? [] : [row("Room", `${fixed(point.margin_m, 3)}\u202fm around it`)]),
       row("Best direction", d ? directionWords(d, degrees) : "none"),
       row("Voxels touched", point.score === null ? "not tested" : grouped(point.score)),
       row("Confidence", point.confidence.toFixed(2)));

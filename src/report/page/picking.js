@@ -66,12 +66,12 @@ class Tool {
         if (this.fills(dot(frame.x, d), dot(frame.y, d), dot(frame.z, d))) mark = 1;
       }
       inside += mark;
-      looks[4 * index + 3] = mark;
+      looks[4 * index + 3] = looks[4 * index + 3] & ~1 | mark;
     }
     return inside;
   }
 }
 
 function unmark(points) {
-  for (let to = 3; to < 4 * points.count; to += 4) points.looks[to] = 0;
+  for (let to = 3; to < 4 * points.count; to += 4) points.looks[to] &= ~1;
 }

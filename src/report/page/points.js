@@ -27,7 +27,7 @@ class Points {
     this.begins = [];  // first point of each block
     this.ids = new Uint32Array(total);
     this.positions = new Float32Array(3 * total);  // metres from the anchor, which keeps them exact enough as floats
-    this.looks = new Uint8Array(4 * total);        // state, confidence, normal, 1 = inside the tool
+    this.looks = new Uint8Array(4 * total);        // state, confidence, normal, inside the tool + 2 room
     this.directions = new Uint16Array(total);
     this.scores = new Uint16Array(total);
     this.planes = 23;
@@ -83,6 +83,12 @@ class Points {
     this.states.set(plane(PLANES.state), begin);
     this.stands_for.set(plane(PLANES.tool), begin);
     for (let i = 0; i < n; ++i) this.reached_by[begin + i] = b0[i] | b1[i] << 8 | b2[i] << 16 | b3[i] << 24;
+    const widest_m = widestMargin(this.facts);
+    if (widest_m === 0) return;
+    for (let index = begin; index < begin + n; ++index) {
+      const margin_m = this.margin(index);
+      this.looks[4 * index + 3] = margin_m === null ? 0 : 2 * (1 + Math.round(126 * margin_m / widest_m));
+    }
   }
 
   // Shows what one of several tools reaches. @param k  -1 for any
@@ -101,6 +107,17 @@ class Points {
       id += (b0[i] | b1[i] << 8 | b2[i] << 16 | b3[i] << 24 >>> 0) + 1;
       this.ids[begin + i] = id;
     }
+  }
+
+  // The largest margin with which the tool that stands for the point reaches it; null if it does not.
+  margin(index) {
+    let most_m = null;
+    for (let k = this.stands_for[index]; k < this.facts.tools.length; ++k) {
+      const {margin_m} = this.facts.tools[k];
+      if (k > this.stands_for[index] && margin_m === 0) break;  // another tool
+      if (this.reached_by[index] >>> k & 1) most_m = Math.max(most_m, margin_m);
+    }
+    return most_m;
   }
 
   local(index) {
@@ -130,6 +147,7 @@ class Points {
       confidence: this.looks[4 * index + 1] / 255,
       tool: this.facts.tools ? this.stands_for[index] : 0,  // to which direction and score belong
       tools: this.facts.tools ? this.facts.tools.map((_, k) => k).filter((k) => this.reached_by[index] >>> k & 1) : null,
+      margin_m: this.facts.tools && widestMargin(this.facts) > 0 ? this.margin(index) : null,
     };
   }
 

@@ -5,7 +5,7 @@
 const POINT_VERTEX = `#version 300 es
 precision highp float;
 layout(location = 0) in vec3 position;
-layout(location = 1) in uvec4 look;  // label + 4 reason, confidence, normal, 1 = inside the tool
+layout(location = 1) in uvec4 look;  // label + 4 reason, confidence, normal, inside the tool + 2 room
 uniform mat4 to_clip;
 uniform mat3 to_viewer;      // directions
 uniform vec3 eye;
@@ -43,7 +43,8 @@ vec3 ramp(float t) {
 
 void main() {
   uint reason = look.x >> 2u, label = look.x & 3u;
-  bool marked = look.w == 1u;
+  bool marked = (look.w & 1u) == 1u;
+  uint room = look.w >> 1u;  // 0: no tool reaches it; else 1 to 127
   if ((hidden >> reason & 1u) == 1u && !marked || only_marked && !marked) {
     gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // outside
     gl_PointSize = 0.0;
@@ -53,6 +54,7 @@ void main() {
   else if (mode == 0) colour = reasons[min(reason, 9u)];
   else if (mode == 1) colour = labels[min(label, 2u)];
   else if (mode == 2) colour = ramp(float(look.y) / 255.0);
+  else if (mode == 4) colour = room == 0u ? labels[0] : ramp(float(room - 1u) / 126.0);
   else colour = ramp(clamp((position.z - heights.x) / max(heights.y - heights.x, 1e-6), 0.0, 1.0));
   vec3 facing = vec3(0.0, 0.0, 1.0);
   if (look.z != 255u) {

@@ -4,6 +4,9 @@
 
 const ANY_TOOL = -1;
 
+// 0 of a field without margins.
+function widestMargin(facts) { return Math.max(0, ...(facts.tools || []).map(({margin_m}) => margin_m)); }
+
 // Points and areas by label and reason, and rows of tables, for one tool. Where no tool reaches, the result has the reason
 // of the one that came closest.
 // @param chosen  index, or ANY_TOOL

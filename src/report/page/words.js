@@ -96,6 +96,7 @@ const COLOUR_MODES = [
   {key: "label", name: "Reachable"},
   {key: "confidence", name: "Confidence"},
   {key: "height", name: "Height"},
+  {key: "margin", name: "Room"},  // only of a field with margins
 ];
 
 // 1234567 as "1 234 567", with narrow spaces that do not break.

@@ -64,14 +64,14 @@ TEST(BallTree, CountsWhatCountingOneByOneGives) {
                              Eigen::AngleAxisd(uniform(-4, 4), axis).toRotationMatrix()};
     int expected = 0;
     for (const auto& p : samples) expected += torus.distance->at(tool.at(p)) < threshold_m ? 1 : 0;
-    EXPECT_EQ(tree.countBelow(*torus.distance, tool, threshold_m, 100000), expected);
-    const int stopped = tree.countBelow(*torus.distance, tool, threshold_m, 5);
+    EXPECT_EQ(tree.countBelow(*torus.distance, tool, {threshold_m}, 100000), expected);
+    const int stopped = tree.countBelow(*torus.distance, tool, {threshold_m}, 5);
     EXPECT_EQ(stopped < 5, expected < 5);
     EXPECT_EQ(std::min(stopped, 5), std::min(expected, 5));
     some += expected > 0 && expected < 701 ? 1 : 0;
   }
   EXPECT_GT(some, 50);
-  EXPECT_EQ(BallTree({}).countBelow(*torus.distance, {{0, 0, 0}, Eigen::Matrix3d::Identity()}, 1, 5), 0);
+  EXPECT_EQ(BallTree({}).countBelow(*torus.distance, {{0, 0, 0}, Eigen::Matrix3d::Identity()}, {1}, 5), 0);
 }
 
 }  // namespace

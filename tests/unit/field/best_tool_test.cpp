@@ -60,11 +60,12 @@ TEST(BestTool, IsOneThatMayYetReachBeforeOneThatDoesNot) {
 TEST(PointOfTools, HasABitForEachThatReaches) {
   std::vector<SurfacePoint> tools(32);
   for (SurfacePoint& point : tools) point.label = PointLabel::Blocked;
-  const std::vector<std::uint16_t> limits(32, 10);
-  EXPECT_EQ(pointOfTools(tools, limits).tools, 0u);
+  std::vector<ToolTraits> traits;
+  for (std::uint8_t family = 0; family < 32; ++family) traits.push_back({10, family, 0});
+  EXPECT_EQ(pointOfTools(tools, traits).tools, 0u);
   tools[31].label = PointLabel::Accessible;
   tools[31].score = 7;
-  const SurfacePoint point = pointOfTools(tools, limits);
+  const SurfacePoint point = pointOfTools(tools, traits);
   EXPECT_EQ(point.tool, 31);
   EXPECT_EQ(point.tools, 0x80000000u);
   EXPECT_EQ(point.score, 7);

@@ -31,6 +31,7 @@ struct MapOptions {
   std::string checkpoint, checkpoint_every = "5m", resume;
   std::string pose_format = "auto", profile = "product", policy, orientations, change, free_for;
   std::string points = "all", point_spacing = "auto", clear_rays;
+  std::string margins;                           ///< of all tools
   std::string tool_name, rolls, max_collisions;  ///< of several tools of each, see tools_given.h
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m, platform_radius_m;

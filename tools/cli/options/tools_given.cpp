@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <iterator>
+#include <sstream>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -65,6 +66,10 @@ void addToolsOptions(FlagParser& flags, MapOptions& options) {
   flags.repeated("--tool-name", &options.tool_name,
                  "name of a tool in the results, of letters, digits, _ and -; default: from its file");
   addToolFrame(flags, options.tool);
+  flags.option(
+      "--margins", &options.margins,
+      "M,M,..: how much room there is around each tool, metres; points get the largest of these with which the "
+      "tool still reaches them");
   flags.repeated(
       "--max-collisions", &options.max_collisions,
       "most voxels that may collide in a free direction: auto (the rule, the default), a number, or a volume "
@@ -191,6 +196,33 @@ std::vector<MapOptions> optionsOfEach(const MapOptions& options) {
   return each;
 }
 
+std::vector<MapOptions> optionsOfEach(const MapOptions& options, const std::vector<ToolSpec>& tools) {
+  const std::vector<MapOptions> given = optionsOfEach(options);
+  std::vector<MapOptions> each;
+  std::size_t own = 0;
+  for (const ToolSpec& tool : tools) {
+    if (!each.empty() && tool.tool.margin_m() == 0) ++own;
+    each.push_back(given[own]);
+  }
+  return each;
+}
+
+std::vector<double> parseMargins(const std::string& text) {
+  std::vector<double> margins_m;
+  std::istringstream list(text);
+  for (std::string word; std::getline(list, word, ',');) {
+    double margin_m = 0;
+    const char* const end = word.data() + word.size();
+    const auto [rest, status] = std::from_chars(word.data(), end, margin_m);
+    if (status != std::errc() || rest != end || !(margin_m >= 0 && std::isfinite(margin_m))) {
+      throw InvalidArgument("usage.margins", "--margins", "\"" + word + "\" is not a margin",
+                            "Write metres with commas between, for example 0,0.02,0.05");
+    }
+    margins_m.push_back(margin_m);
+  }
+  return margins_m;
+}
+
 void requireOneTool(const MapOptions& options, const std::string& verb) {
   const std::size_t count = valuesOf(options.tool.tool).size();
   if (count <= 1) return;
@@ -210,7 +242,7 @@ std::vector<ToolSpec> loadTools(const MapOptions& options) {
                      own.orientations.empty() ? OrientationSet::yaw() : OrientationSet::parse(own.orientations),
                      parseRolls(own.rolls), own.tool_name, parseMaxCollisions(own.max_collisions, own.voxel_m)});
   }
-  return namedTools(std::move(tools));
+  return withMargins(std::move(tools), parseMargins(options.margins));
 }
 
 namespace {
@@ -230,8 +262,9 @@ void sayWhatTablesTake(const ToolSpec& tool, const Messages& messages) {
 }  // namespace
 
 void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools, Messages& messages) {
-  const std::vector<MapOptions> each = optionsOfEach(options);
+  const std::vector<MapOptions> each = optionsOfEach(options, tools);
   for (std::size_t k = 0; k < tools.size(); ++k) {
+    if (k > 0 && tools[k].tool.margin_m() > 0) continue;  // those of the tool itself were said
     sayToolNotes(tools[k].tool, messages);
     sayOrientationNotes(each[k], messages);
     sayWhatTablesTake(tools[k], messages);
@@ -253,9 +286,10 @@ std::string namesOf(const std::vector<ToolSpec>& tools) {
 
 std::vector<std::string> toolsInWords(const MapOptions& options, const std::vector<ToolSpec>& tools) {
   std::vector<std::string> lines;
-  const std::vector<MapOptions> each = optionsOfEach(options);
+  const std::vector<MapOptions> each = optionsOfEach(options, tools);
   for (std::size_t k = 0; k < tools.size(); ++k) {
-    const std::string line = toolInWords(tools[k].tool, each[k].tool);
+    std::string line = toolInWords(tools[k].tool, each[k].tool);
+    if (tools[k].tool.margin_m() > 0) line += ", with " + numberText(tools[k].tool.margin_m()) + " m around it";
     lines.push_back(tools.size() == 1 ? line : std::to_string(k) + " " + tools[k].name + ": " + line);
   }
   return lines;
@@ -264,7 +298,7 @@ std::vector<std::string> toolsInWords(const MapOptions& options, const std::vect
 std::vector<ReportedTool> reportedTools(const MapOptions& options, const std::vector<ToolSpec>& tools) {
   std::vector<ReportedTool> reported;
   if (tools.size() == 1) return reported;
-  const std::vector<MapOptions> each = optionsOfEach(options);
+  const std::vector<MapOptions> each = optionsOfEach(options, tools);
   for (std::size_t k = 0; k < tools.size(); ++k) {
     const ToolOptions& given = each[k].tool;
     ReportedTool tool;
@@ -278,6 +312,7 @@ std::vector<ReportedTool> reportedTools(const MapOptions& options, const std::ve
     tool.orientations = tools[k].orientations.text();
     tool.rolls = rollsOf(tools[k].tool, toolParams(tools[k], {}).approach);
     tool.max_collisions = tools[k].max_collisions;
+    tool.margin_m = tools[k].tool.margin_m();
     reported.push_back(std::move(tool));
   }
   return reported;

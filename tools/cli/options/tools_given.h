@@ -41,14 +41,20 @@ void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& t
 /// For people: with commas.
 [[nodiscard]] std::string valuesInWords(const std::string& repeated);
 
+/// --margins: "0,0.02,0.05", metres. @throws InvalidArgument "usage.margins"
+[[nodiscard]] std::vector<double> parseMargins(const std::string& text);
+
 /// What belongs to each tool, as if it had been given alone.
 /// @throws InvalidArgument "usage.tool"  for a flag that is neither given once nor once for each tool
 [[nodiscard]] std::vector<MapOptions> optionsOfEach(const MapOptions& options);
+/// The same for tools as loadTools() makes them: those that are grown by a margin have those of the tool itself.
+[[nodiscard]] std::vector<MapOptions> optionsOfEach(const MapOptions& options, const std::vector<ToolSpec>& tools);
 
 /// @throws InvalidArgument "usage.tool"  if there are several
 void requireOneTool(const MapOptions& options, const std::string& verb);
 
-/// Reads them, or the one. @throws what loadTool() throws; InvalidArgument "usage.tool", "tool.name", "tool.count"
+/// Reads them, or the one; with --margins each is followed by itself, grown. @throws what loadTool() throws;
+/// InvalidArgument "usage.tool", "usage.margins", "tool.name", "tool.count", "tool.margin"
 [[nodiscard]] std::vector<ToolSpec> loadTools(const MapOptions& options);
 /// Their repairs and the twins in their orientations as notices; what looks wrong as warnings.
 void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools, Messages& messages);

@@ -252,6 +252,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
                              {"orientations", tool.orientations},
                              {"rolls", tool.rolls},
                              {"max_collisions", tool.max_collisions}});
+    if (tool.margin_m > 0) json["tools"].back()["margin_m"] = tool.margin_m;
     if (report.tiles) continue;  // tile.json and field.vdb have the rest
     json["tools"].back()["collision_limit"] = tool.collision_limit;
     json["tools"].back()["accessible"] = tool.accessible;

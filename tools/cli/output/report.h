@@ -84,6 +84,7 @@ struct LiveReport {
 struct ReportedTool {
   std::string name, tool, unit, tip, axis, up, sha256, orientations;
   int rolls = 0, max_collisions = 0, collision_limit = 0;
+  double margin_m = 0;           ///< by which it is grown
   std::uint64_t accessible = 0;  ///< points that it reaches
 };
 

@@ -3,6 +3,7 @@
 /// accessvdb report: a field as one page for a browser.
 #include "verbs/html_report.h"
 
+#include <algorithm>
 #include <deque>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -24,17 +25,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
+struct ToolOfRun {
+  ToolOptions options = {};
+  double margin_m = 0;  ///< by which it is grown, behind the same tool without one
+};
+
 /// What report.json says that the run's tools were, in their order; of a run that does not say it, one without a name.
-std::vector<ToolOptions> toolsOfRun(const fs::path& folder) {
+std::vector<ToolOfRun> toolsOfRun(const fs::path& folder) {
   const nlohmann::json report = nlohmann::json::parse(io::contentAt(folder / "report.json"), nullptr, false);
   const auto toolIn = [](const nlohmann::json& object) {
     const auto text = [&](const char* key) {
       const auto found = object.is_object() ? object.find(key) : object.end();
       return found != object.end() && found->is_string() ? found->get<std::string>() : std::string();
     };
-    return ToolOptions{text("tool"), text("tool_unit"), text("tool_tip"), text("tool_axis"), text("tool_up")};
+    ToolOfRun tool{{text("tool"), text("tool_unit"), text("tool_tip"), text("tool_axis"), text("tool_up")}};
+    if (object.is_object() && object.contains("margin_m") && object["margin_m"].is_number())
+      tool.margin_m = object["margin_m"];
+    return tool;
   };
-  std::vector<ToolOptions> tools;
+  std::vector<ToolOfRun> tools;
   if (report.is_object() && report.contains("tools") && report["tools"].is_array()) {
     for (const nlohmann::json& tool : report["tools"]) tools.push_back(toolIn(tool));
   } else if (report.is_object() && report.contains("parameters")) {
@@ -59,22 +68,27 @@ ToolOptions toolToDraw(ToolOptions given, const ToolOptions& of_run) {
 }
 
 /// One for each tool of the run.
-std::vector<ToolOptions> toolsToDraw(const ToolOptions& given, const fs::path& folder) {
-  std::vector<ToolOptions> drawn = toolsOfRun(folder);
+std::vector<ToolOfRun> toolsToDraw(const ToolOptions& given, const fs::path& folder) {
+  std::vector<ToolOfRun> drawn = toolsOfRun(folder);
+  const auto own = static_cast<std::size_t>(
+      std::count_if(drawn.begin(), drawn.end(), [](const ToolOfRun& tool) { return tool.margin_m == 0; }));
   MapOptions all;
   all.tool = given;
   std::vector<MapOptions> each = optionsOfEach(all);
   if (given.tool.empty()) {
-    each.resize(drawn.size(), each.front());
-  } else if (each.size() != drawn.size()) {
+    each.resize(std::max<std::size_t>(own, 1), each.front());
+  } else if (each.size() != own) {
     throw InvalidArgument(
         "usage.tool", "--tool",
-        "is given " + std::to_string(each.size()) + " times, and the map has " + std::to_string(drawn.size()) +
-            (drawn.size() == 1 ? " tool" : " tools"),
+        "is given " + std::to_string(each.size()) + " times, and the map has " + std::to_string(own) +
+            (own == 1 ? " tool" : " tools"),
         "Give it once for each tool of the map, in their order; - leaves one out; without it built-in tools are drawn");
   }
+  std::size_t given_for = 0;
   for (std::size_t k = 0; k < drawn.size(); ++k) {
-    drawn[k] = each[k].tool.tool == "-" ? ToolOptions() : toolToDraw(each[k].tool, drawn[k]);
+    if (k > 0 && drawn[k].margin_m == 0) ++given_for;
+    const ToolOptions& of_it = each[std::min(given_for, each.size() - 1)].tool;
+    drawn[k].options = of_it.tool == "-" ? ToolOptions() : toolToDraw(of_it, drawn[k].options);
   }
   return drawn;
 }
@@ -138,17 +152,17 @@ int runReport(const Arguments& arguments, Messages& messages) {
                           "must be " + std::to_string(io::HtmlReportOptions::kLeastPoints) + " or more");
   }
   endOnStopSignals(messages);
-  const std::vector<ToolOptions> drawn = toolsToDraw(tool_options, map);
+  const std::vector<ToolOfRun> drawn = toolsToDraw(tool_options, map);
   auto inputs = joined({common.config}, filesOfMap(map));
-  for (const ToolOptions& tool : drawn) inputs = joined(std::move(inputs), filesOfTools(tool));
+  for (const ToolOfRun& tool : drawn) inputs = joined(std::move(inputs), filesOfTools(tool.options));
   requireNoInputs({out}, inputs);
   std::deque<ToolGeometry> tools;  // whose addresses stay
-  for (const ToolOptions& tool : drawn) {
+  for (const ToolOfRun& tool : drawn) {
     io::DrawnTool& next = sources.tools.emplace_back();
-    if (tool.tool.empty()) continue;
-    next.geometry = &tools.emplace_back(loadTool(tool));
-    if (!isBuiltin(tool.tool)) next.file = tool.tool;
-    sayToolNotes(tools.back(), messages);
+    if (tool.options.tool.empty()) continue;
+    next.geometry = &tools.emplace_back(loadTool(tool.options).grownBy(tool.margin_m));
+    if (!isBuiltin(tool.options.tool)) next.file = tool.options.tool;
+    if (tool.margin_m == 0) sayToolNotes(tools.back(), messages);
   }
   if (tools.empty()) {
     sources.tools.clear();

@@ -50,7 +50,7 @@ void BallTree::build(std::vector<Eigen::Vector3d>& samples_T, std::size_t begin,
 /// @param settle  ball centre, radius -> whether all, none or some of its samples are below the threshold; never some
 ///                for a radius of 0
 template <typename Settle>
-int BallTree::count(const ToolPlacement& tool, int enough, const Settle& settle) const {
+int BallTree::count(int enough, const Settle& settle) const {
   if (nodes_.empty()) return 0;
   std::array<std::int32_t, kMaxDepth> open;
   std::size_t depth = 0;
@@ -59,7 +59,7 @@ int BallTree::count(const ToolPlacement& tool, int enough, const Settle& settle)
   while (depth > 0 && count < enough) {
     const std::int32_t n = open[--depth];
     const Node& node = nodes_[static_cast<std::size_t>(n)];
-    const Settled settled = settle(tool.at(node.centre_T), node.radius_m);
+    const Settled settled = settle(node.centre_T, node.radius_m);
     if (settled == Settled::All) {
       count += node.samples;
     } else if (settled == Settled::Some) {
@@ -70,26 +70,29 @@ int BallTree::count(const ToolPlacement& tool, int enough, const Settle& settle)
   return count;
 }
 
-int BallTree::countBelow(const sim::SignedDistance& distance, const ToolPlacement& tool, double threshold_m,
-                         int enough) const {
+int BallTree::countBelow(const sim::SignedDistance& distance, const ToolPlacement& tool,
+                         const SampleThreshold& threshold, int enough) const {
   const double margin_m = distance.errorBound_m() + kRounding_m;
-  return count(tool, enough, [&](const Eigen::Vector3d& centre_W, double radius_m) {
-    const double d_m = distance.at(centre_W);
-    if (radius_m == 0) return d_m < threshold_m ? Settled::All : Settled::None;
-    if (d_m + radius_m + margin_m < threshold_m) return Settled::All;
-    return d_m - radius_m - margin_m < threshold_m ? Settled::Some : Settled::None;
+  return count(enough, [&](const Eigen::Vector3d& centre_T, double radius_m) {
+    const double d_m = distance.at(tool.at(centre_T)), from_tip_m = centre_T.norm();
+    if (radius_m == 0) return d_m < threshold.at(from_tip_m) ? Settled::All : Settled::None;
+    if (d_m + radius_m + margin_m < threshold.at(from_tip_m - radius_m)) return Settled::All;
+    return d_m - radius_m - margin_m < threshold.at(from_tip_m + radius_m) ? Settled::Some : Settled::None;
   });
 }
 
-int BallTree::countBelow(const CollisionField& distance, const ToolPlacement& tool, double threshold_m,
+int BallTree::countBelow(const CollisionField& distance, const ToolPlacement& tool, const SampleThreshold& threshold,
                          int enough) const {
   const double margin_m = distance.distance().errorBound_m() + kRounding_m;
-  return count(tool, enough, [&](const Eigen::Vector3d& centre_W, double radius_m) {
-    if (radius_m == 0) return distance.below(centre_W, threshold_m) ? Settled::All : Settled::None;
-    const double reach_m = radius_m + margin_m;
-    const auto bounds = distance.bounds(centre_W, threshold_m - reach_m, threshold_m + reach_m);
-    if (bounds.upper_m + reach_m < threshold_m) return Settled::All;
-    return bounds.lower_m - reach_m < threshold_m ? Settled::Some : Settled::None;
+  return count(enough, [&](const Eigen::Vector3d& centre_T, double radius_m) {
+    const Eigen::Vector3d centre_W = tool.at(centre_T);
+    const double from_tip_m = centre_T.norm();
+    if (radius_m == 0) return distance.below(centre_W, threshold.at(from_tip_m)) ? Settled::All : Settled::None;
+    const double reach_m = radius_m + margin_m, least_m = threshold.at(from_tip_m - radius_m),
+                 most_m = threshold.at(from_tip_m + radius_m);
+    const auto bounds = distance.bounds(centre_W, least_m - reach_m, most_m + reach_m);
+    if (bounds.upper_m + reach_m < least_m) return Settled::All;
+    return bounds.lower_m - reach_m < most_m ? Settled::Some : Settled::None;
   });
 }
 

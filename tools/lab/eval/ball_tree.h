@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -28,6 +29,19 @@ struct ToolPlacement {
   }
 };
 
+/// How near a sample may come. With a margin, the farther it is from the tip, up to the margin: at the surface that the
+/// tip touches there is no room, and a tool that is held 20 degrees above it has a third of the distance from the tip.
+struct SampleThreshold {
+  double collision_distance_m = 0;
+  double margin_m = 0;
+  double self_exclusion_m = 0;  ///< from here on the margin begins
+
+  /// Grows with the distance, and no faster.
+  [[nodiscard]] double at(double from_tip_m) const {
+    return collision_distance_m + std::clamp((from_tip_m - self_exclusion_m) / 3, 0.0, margin_m);
+  }
+};
+
 /// A tree of balls around the samples. A signed distance changes by no more than the distance moved, so its value at a
 /// ball's centre decides the whole ball if it is far enough from the threshold; other balls are split, down to single
 /// samples, which are compared exactly.
@@ -35,12 +49,12 @@ class BallTree {
  public:
   explicit BallTree(const std::vector<Eigen::Vector3d>& samples_T);
 
-  /// Samples with distance below `threshold_m`. Stops at `enough`: the result is exact below it, else at least it.
-  [[nodiscard]] int countBelow(const sim::SignedDistance& distance, const ToolPlacement& tool, double threshold_m,
-                               int enough) const;
+  /// Samples with a distance below the threshold. Stops at `enough`: the result is exact below it, else at least it.
+  [[nodiscard]] int countBelow(const sim::SignedDistance& distance, const ToolPlacement& tool,
+                               const SampleThreshold& threshold, int enough) const;
   /// The same answer, for distances that are slow to evaluate.
-  [[nodiscard]] int countBelow(const CollisionField& distance, const ToolPlacement& tool, double threshold_m,
-                               int enough) const;
+  [[nodiscard]] int countBelow(const CollisionField& distance, const ToolPlacement& tool,
+                               const SampleThreshold& threshold, int enough) const;
   [[nodiscard]] int size() const { return nodes_.empty() ? 0 : nodes_.front().samples; }
 
  private:
@@ -51,7 +65,7 @@ class BallTree {
     std::int32_t second;  ///< index of the second child; the first follows its parent; -1 for a single position
   };
   template <typename Settle>
-  [[nodiscard]] int count(const ToolPlacement& tool, int enough, const Settle& settle) const;
+  [[nodiscard]] int count(int enough, const Settle& settle) const;
   void build(std::vector<Eigen::Vector3d>& samples_T, std::size_t begin, std::size_t end);
 
   std::vector<Node> nodes_;

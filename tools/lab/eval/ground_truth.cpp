@@ -74,10 +74,10 @@ struct GroundTruth::Impl {
       if (!outside(position_W + along_m * R_WT.col(0))) return false;
     }
     const ToolPlacement placed{position_W, R_WT};
-    const double r_c = options.collision_distance_m;
+    const SampleThreshold threshold = {options.collision_distance_m, options.margin_m, options.self_exclusion_m};
     const int limit = options.collision_limit;
-    const int count =
-        field == nullptr ? tool.countBelow(*distance, placed, r_c, limit) : tool.countBelow(*field, placed, r_c, limit);
+    const int count = field == nullptr ? tool.countBelow(*distance, placed, threshold, limit)
+                                       : tool.countBelow(*field, placed, threshold, limit);
     return count < limit;
   }
 };

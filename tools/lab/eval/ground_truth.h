@@ -27,6 +27,7 @@ struct TruthOptions {
   std::vector<double> arm_m;                    ///< distances along the direction that must be outside the object
   double collision_distance_m = 0.0005;         ///< [r_c] a sample closer than this collides
   double self_exclusion_m = 0.003;              ///< [r_s] samples within this of the tip are ignored
+  double margin_m = 0;                          ///< room around the tool: see SampleThreshold
   int surface_samples = 1000;                   ///< [M]
   int collision_limit = 5;                      ///< [n_c] fewest collisions that block an orientation
   std::uint64_t seed = 7;                       ///< for the samples

@@ -35,6 +35,7 @@ constexpr Table kTables[] = {
     {"incremental", true, makeIncrementalTable},
     {"motion", true, makeMotionTable},
     {"orientations", true, makeOrientationsTable},
+    {"margins", true, makeMarginsTable},
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
     {"change", false, makeChangeTable},
