@@ -160,6 +160,15 @@ class ACCESSVDB_API AccessibilityField {
   /// @throws InvalidArgument "tool.index"
   [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W, std::size_t tool = 0) const;
 
+  /// The same for many points, by id, in about the time of scoring them in every direction. @param ids  each once
+  /// @throws InvalidArgument "tool.index", "point.id" (no such point, or twice)
+  [[nodiscard]] std::vector<AccessMap> accessMaps(std::span<const std::uint32_t> ids, std::size_t tool = 0) const;
+  /// How far the tool can turn from its best direction at each point and stay free: the width, degrees, of the run of
+  /// free directions around it, among those of the same pitch. Over a sphere, the opening angle of a cone that is as
+  /// large as all free directions that hang together with it. -1: the tool does not reach the point, or its
+  /// orientations are a list. @throws as accessMaps()
+  [[nodiscard]] std::vector<float> freeArcs_deg(std::span<const std::uint32_t> ids, std::size_t tool = 0) const;
+
   /// Batched queries, at points or along a robot arm: see batch_query.h. Valid until the field next changes.
   [[nodiscard]] BatchQuery batchQuery() const;
 

@@ -84,6 +84,9 @@ struct SurfacePoint {
   /// Of a field with margins (withMargins()): the largest with which the tool that stands for the point still reaches
   /// it, 0 if it reaches it with none. -1: it does not, or the field has no margins.
   float margin_m = -1;
+  /// In files of a field with margins, AccessibilityField::freeArcs_deg() of the tool that stands for the point; else
+  /// -1.
+  float free_arc_deg = -1;
   std::uint16_t score = kNoScore;  ///< fewest collisions of any direction
   float weight = 0;                ///< [w] observations behind the confidence
   float confidence = 0;            ///< [c] in [0, 1)

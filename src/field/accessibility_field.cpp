@@ -197,7 +197,21 @@ std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_
   static_cast<void>(impl_->tools.at(tool));
   const std::uint32_t id = internal::idAt(*impl_, p_W);
   if (id == internal::kNone) return std::nullopt;
-  return impl_->arena.execute([&] { return internal::accessMapOf(*impl_, id, tool); });
+  return accessMaps({&id, 1}, tool).front();
+}
+
+std::vector<AccessMap> AccessibilityField::accessMaps(std::span<const std::uint32_t> ids, std::size_t tool) const {
+  impl_->steps.requireWhole();
+  static_cast<void>(impl_->tools.at(tool));
+  internal::requireIds(*impl_, ids);
+  return impl_->arena.execute([&] { return internal::accessMapsOf(*impl_, ids, tool); });
+}
+
+std::vector<float> AccessibilityField::freeArcs_deg(std::span<const std::uint32_t> ids, std::size_t tool) const {
+  impl_->steps.requireWhole();
+  static_cast<void>(impl_->tools.at(tool));
+  internal::requireIds(*impl_, ids);
+  return impl_->arena.execute([&] { return internal::freeArcsOf(*impl_, ids, tool); });
 }
 
 BatchQuery AccessibilityField::batchQuery() const {

@@ -5,6 +5,11 @@
 
 #include <tbb/task_arena.h>
 
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/config.h"
 #include "accessvdb/surface_points.h"
@@ -15,6 +20,49 @@
 
 namespace accessvdb {
 namespace {
+
+/// With what only files have, because it takes the time of trying further directions.
+class PointsWithArcs final : public SurfacePoints {
+ public:
+  PointsWithArcs(const AccessibilityField& field, const SurfacePoints& points)
+      : points_(points), arcs_deg_(points.hasMargins() ? points.size() : 0, -1.0F) {
+    std::vector<std::vector<std::uint32_t>> ids(field.tools().size());
+    std::vector<std::vector<std::size_t>> places(ids.size());
+    for (std::size_t n = 0; n < arcs_deg_.size(); ++n) {
+      const SurfacePoint point = points.at(n);
+      if (point.label != PointLabel::Accessible) continue;
+      ids[point.tool].push_back(point.id);
+      places[point.tool].push_back(n);
+    }
+    for (std::size_t k = 0; k < ids.size(); ++k) {
+      if (ids[k].empty()) continue;
+      const std::vector<float> arcs_deg = field.freeArcs_deg(ids[k], k);
+      for (std::size_t n = 0; n < arcs_deg.size(); ++n) arcs_deg_[places[k][n]] = arcs_deg[n];
+    }
+  }
+
+  [[nodiscard]] std::size_t size() const override { return points_.size(); }
+  [[nodiscard]] SurfacePoint at(std::size_t index) const override {
+    SurfacePoint point = points_.at(index);
+    if (!arcs_deg_.empty()) point.free_arc_deg = arcs_deg_[index];
+    return point;
+  }
+  [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override { return points_.position_W(index); }
+  [[nodiscard]] Eigen::Vector3d origin_W() const override { return points_.origin_W(); }
+  [[nodiscard]] double voxel_size_m() const override { return points_.voxel_size_m(); }
+  [[nodiscard]] bool hasMargins() const override { return points_.hasMargins(); }
+  [[nodiscard]] std::vector<std::string> attributeNames() const override { return points_.attributeNames(); }
+  [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
+    return points_.attribute(index, column);
+  }
+  [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
+    return points_.firstReturn(index);
+  }
+
+ private:
+  const SurfacePoints& points_;
+  std::vector<float> arcs_deg_;  ///< none without margins
+};
 
 /// Version, tool, device and every effective parameter, in a fixed order.
 io::FieldMetadata metadataOf(const AccessibilityField& field) {
@@ -69,8 +117,9 @@ void writeAll(const AccessibilityField& field, const SurfacePoints& points, cons
 
 }  // namespace
 
-void internal::writeFieldFiles(const AccessibilityField& field, const SurfacePoints& points,
+void internal::writeFieldFiles(const AccessibilityField& field, const SurfacePoints& field_points,
                                const std::filesystem::path& folder, const io::WriteOptions& options) {
+  const PointsWithArcs points(field, field_points);
   const io::FieldMetadata metadata = metadataOf(field);
   arenaOf(field).execute([&] {
     writeFieldVdb(folder / "field.vdb", field, points, options);

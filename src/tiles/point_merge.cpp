@@ -129,12 +129,14 @@ std::uint64_t mergePoints(const std::filesystem::path& out, const Plan& plan, co
   const internal::PointsPlyColumns columns = streams.front().header().columns;
   for (const PointStream& tile : streams) {
     if (tile.header().columns == columns) continue;
-    throw InputError("tile.damaged", out.string(), "has tiles with and without orientations, rolls or tools",
+    throw InputError("tile.damaged", out.string(), "has tiles with and without orientations, rolls, tools or margins",
                      "Delete the folder of its tiles and run accessvdb tile run again");
   }
   io::writeFileDurably(file, [&](std::ostream& stream) {
     if (file.extension() == ".las") {
-      internal::LasWriter writer(stream, lasContent(plan, tiles, points, streams.front().header().carried));
+      internal::LasContent content = lasContent(plan, tiles, points, streams.front().header().carried);
+      content.margins = columns.margin;
+      internal::LasWriter writer(stream, content);
       std::vector<std::int32_t> carried(columns.carried);
       forEachRecord([&](const char* record, const First& first) {
         for (std::size_t c = 0; c < carried.size(); ++c) carried[c] = internal::carriedOfRecord(record, columns, c);

@@ -37,6 +37,7 @@ int main(int argc, char** argv) {
        {"info", "what is inside a .vdb file or an output folder", runInfo},
        {"query", "label, reason and best direction at given points", runQuery},
        {"diff", "what changed between two maps of the same place", runDiff},
+       {"approaches", "where to go first, and how: poses before, at and after contact", runApproaches},
        {"whatif", "what a cut would open, and in which order to cut", runWhatIf},
        {"render", "a picture of a field or of a tool, no display needed", runRender},
        {"report", "a field as one page for a browser, no network needed", runReport},

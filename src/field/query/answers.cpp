@@ -9,6 +9,7 @@
 
 #include "accessvdb/error.h"
 #include "field/query/access_map.h"
+#include "field/query/free_arcs.h"
 #include "field/tools/best_tool.h"
 
 namespace accessvdb::internal {
@@ -61,6 +62,17 @@ std::uint32_t idAt(const FieldStages& field, const Eigen::Vector3d& p_W) {
   return field.points.index().find(field.points.voxelOf(p_L));
 }
 
+void requireIds(const FieldStages& field, std::span<const std::uint32_t> ids) {
+  std::vector<bool> met(field.points.size(), false);
+  for (const std::uint32_t id : ids) {
+    if (id >= met.size() || met[id])
+      throw InvalidArgument("point.id", std::to_string(id),
+                            id < met.size() ? "comes twice" : "is no point of the field",
+                            "Give ids of its snapshot, each once");
+    met[id] = true;
+  }
+}
+
 ScoredField scoredFor(const FieldStages& field, std::size_t tool) {
   const ToolScoring& scoring = field.tools.at(tool);
   return {*scoring.scorer,       *field.backend,
@@ -96,16 +108,46 @@ FieldSnapshot evaluatedFromScratch(const FieldStages& field, std::uint64_t* test
   return snapshotOf(*pointsOf(field, std::move(each)));
 }
 
-AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t tool) {
+std::vector<AccessMap> accessMapsOf(const FieldStages& field, std::span<const std::uint32_t> ids, std::size_t tool) {
   const ToolScoring& scoring = field.tools.at(tool);
   const auto scorer = freshScorer(field, scoring);
-  AccessMap map = {scoredPoint(scoredFor(field, tool), id), scoring.collisionLimit(),
-                   tryEveryDirection(*scorer, scoring.setup, field.mirrors.grid(), id)};
-  const std::uint8_t why = id < field.withheld().size() ? field.withheld()[id] : 0;
-  for (DirectionOutcome& outcome : map.directions) {
-    if (why != 0 && outcome.reason == PointReason::None) outcome.reason = reasonOf(why);
+  DirectionTrials trials(*scorer, scoring.setup, field.mirrors.grid(), ids);
+  std::vector<std::vector<DirectionOutcome>> outcomes = trials.all(ids);
+  std::vector<AccessMap> maps;
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    AccessMap& map = maps.emplace_back(
+        AccessMap{scoredPoint(scoredFor(field, tool), ids[n]), scoring.collisionLimit(), std::move(outcomes[n])});
+    const std::uint8_t why = ids[n] < field.withheld().size() ? field.withheld()[ids[n]] : 0;
+    for (DirectionOutcome& outcome : map.directions) {
+      if (why != 0 && outcome.reason == PointReason::None) outcome.reason = reasonOf(why);
+    }
   }
-  return map;
+  return maps;
+}
+
+std::vector<float> freeArcsOf(const FieldStages& field, std::span<const std::uint32_t> ids, std::size_t tool) {
+  const ToolScoring& scoring = field.tools.at(tool);
+  std::vector<std::uint16_t> best(field.points.size(), kNoDirection);
+  const auto points = scoredPoints(scoredFor(field, tool), PointStates::AsOfTheLastUpdate);
+  for (std::size_t n = 0; n < points->size(); ++n) {
+    const SurfacePoint point = points->at(n);
+    if (point.label == PointLabel::Accessible) best[point.id] = point.direction;
+  }
+  std::vector<std::uint32_t> reached;
+  std::vector<std::uint16_t> from;
+  std::vector<std::size_t> places;
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    if (best[ids[n]] == kNoDirection) continue;
+    reached.push_back(ids[n]);
+    from.push_back(best[ids[n]]);
+    places.push_back(n);
+  }
+  const auto scorer = freshScorer(field, scoring);
+  DirectionTrials trials(*scorer, scoring.setup, field.mirrors.grid(), reached);
+  const std::vector<float> found = freeArcs_deg(trials, DirectionNeighbours(scoring.params.approach), reached, from);
+  std::vector<float> arcs(ids.size(), -1);
+  for (std::size_t k = 0; k < places.size(); ++k) arcs[places[k]] = found[k];
+  return arcs;
 }
 
 FitInputs fitInputs(FieldStages& field) {

@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/surface_points.h"
@@ -17,6 +19,9 @@ namespace accessvdb::internal {
 /// Of the point in the voxel that contains p_W; kNone if there is none.
 [[nodiscard]] std::uint32_t idAt(const FieldStages& field, const Eigen::Vector3d& p_W);
 
+/// @throws InvalidArgument "point.id"  if one is no point, or comes twice
+void requireIds(const FieldStages& field, std::span<const std::uint32_t> ids);
+
 /// The points of one tool. @throws InvalidArgument "tool.index"
 [[nodiscard]] ScoredField scoredFor(const FieldStages& field, std::size_t tool);
 /// All points, with the state of the best tool at each.
@@ -25,8 +30,12 @@ namespace accessvdb::internal {
 
 /// All points, scored anew. @param tests  if not null, how many (point, direction) tests that took
 [[nodiscard]] FieldSnapshot evaluatedFromScratch(const FieldStages& field, std::uint64_t* tests);
-/// @throws InvalidArgument "tool.index"
-[[nodiscard]] AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t tool);
+/// @param ids  each once  @throws InvalidArgument "tool.index"
+[[nodiscard]] std::vector<AccessMap> accessMapsOf(const FieldStages& field, std::span<const std::uint32_t> ids,
+                                                  std::size_t tool);
+/// As AccessibilityField::freeArcs_deg().
+[[nodiscard]] std::vector<float> freeArcsOf(const FieldStages& field, std::span<const std::uint32_t> ids,
+                                            std::size_t tool);
 
 /// What poses are tried against. @throws ResourceLimit "field.broken"
 [[nodiscard]] FitInputs fitInputs(FieldStages& field);

@@ -169,7 +169,7 @@ std::vector<LasRecord> recordsOf(const SurveyFrame& frame) {
 
 /// Of extra bytes.
 std::size_t columnsOf(const LasContent& content) {
-  return kColumns.size() + (content.margins ? 1 : 0) + content.carried.size();
+  return kColumns.size() + (content.margins ? 2 : 0) + content.carried.size();
 }
 
 LasHeader headerOf(const LasContent& content, const LasGrid& grid) {
@@ -242,7 +242,10 @@ LasWriter::LasWriter(std::ostream& stream, const LasContent& content)
     write(stream_, extra);
   };
   for (const Column& column : kColumns) describe(column);
-  if (margins_) describe({ExtraType::F32, "margin_m", "room around the tool, -1 none"});
+  if (margins_) {
+    describe({ExtraType::F32, "margin_m", "room around the tool, -1 none"});
+    describe({ExtraType::F32, "free_arc_deg", "how far the tool can turn"});
+  }
   for (std::size_t n = 0; n < content.carried.size(); ++n) {
     if (lower(content.carried[n]) == kClass) class_ = n;
     ExtraBytes extra;
@@ -275,7 +278,10 @@ void LasWriter::add(const SurfacePoint& point, std::span<const std::int32_t> car
     record.classification = static_cast<std::uint8_t>(carried[*class_]);
   }
   write(stream_, record);
-  if (margins_) write(stream_, point.margin_m);
+  if (margins_) {
+    write(stream_, point.margin_m);
+    write(stream_, point.free_arc_deg);
+  }
   for (const std::int32_t value : carried) write(stream_, value);
 }
 

@@ -38,7 +38,7 @@ struct LasContent {
   bool margins = false;  ///< SurfacePoints::hasMargins()
 
   /// Bytes of a point behind LAS's own and kColumns.
-  [[nodiscard]] std::size_t furtherBytes() const { return (carried.size() + (margins ? 1 : 0)) * 4; }
+  [[nodiscard]] std::size_t furtherBytes() const { return (carried.size() + (margins ? 2 : 0)) * 4; }
 };
 
 /// Writes the points one after the other.

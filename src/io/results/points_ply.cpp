@@ -69,8 +69,8 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   for (const auto& property : internal::kPointsPlyTools) {
     if (columns.tools) stream << "property " << property.type << " " << property.name << "\n";
   }
-  if (columns.margin) {
-    stream << "property " << internal::kPointsPlyMargin.type << " " << internal::kPointsPlyMargin.name << "\n";
+  for (const auto& property : internal::kPointsPlyMargin) {
+    if (columns.margin) stream << "property " << property.type << " " << property.name << "\n";
   }
   for (const std::string& name : points.attributeNames()) stream << internal::kPointsPlyCarried << name << "\n";
   stream << "end_header\n";
@@ -100,7 +100,7 @@ char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyCo
   }
   if (columns.roll) to = put(to, point.roll);
   if (columns.tools) to = put(put(to, point.tool), point.tools);
-  return columns.margin ? put(to, point.margin_m) : to;
+  return columns.margin ? put(put(to, point.margin_m), point.free_arc_deg) : to;
 }
 
 }  // namespace

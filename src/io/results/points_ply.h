@@ -45,8 +45,9 @@ inline constexpr PointProperty kPointsPlyRoll = {"uchar", "roll"};
 /// Behind all those, of several tools: which one stands for the point, and a bit for each that reaches it.
 inline constexpr std::array<PointProperty, 2> kPointsPlyTools = {{{"uchar", "tool"}, {"uint", "tools"}}};
 
-/// Behind those, of tools with margins: the largest with which the tool reaches the point; -1: it does not.
-inline constexpr PointProperty kPointsPlyMargin = {"float", "margin_m"};
+/// Behind those, of tools with margins: the largest with which the tool reaches the point, and how far it can turn
+/// there; -1: it does not reach it.
+inline constexpr std::array<PointProperty, 2> kPointsPlyMargin = {{{"float", "margin_m"}, {"float", "free_arc_deg"}}};
 
 /// Which of these a file has.
 struct PointsPlyColumns {
@@ -58,7 +59,7 @@ struct PointsPlyColumns {
 
   [[nodiscard]] constexpr std::size_t recordBytes() const {
     return kPointsPlyRecordBytes + (orientation ? 4 * 4 + 2 : 0) + (roll ? 1 : 0) + (tools ? 1 + 4 : 0) +
-           (margin ? 4 : 0) + 4 * carried;
+           (margin ? 2 * 4 : 0) + 4 * carried;
   }
   /// Where they are in a record.
   [[nodiscard]] constexpr std::size_t carriedBegin() const { return recordBytes() - 4 * carried; }

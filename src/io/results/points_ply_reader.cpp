@@ -173,7 +173,9 @@ class PlyReader {
       for (const auto& property : internal::kPointsPlyTools) {
         if (columns.tools) add(property);
       }
-      if (columns.margin) add(internal::kPointsPlyMargin);
+      for (const auto& property : internal::kPointsPlyMargin) {
+        if (columns.margin) add(property);
+      }
       if (properties == expected) return columns;
     }
     return std::nullopt;
@@ -207,7 +209,7 @@ class PlyReader {
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
                         std::isfinite(point.yaw_rad) && point.orientation_WT.coeffs().allFinite() &&
-                        std::isfinite(point.margin_m);
+                        std::isfinite(point.margin_m) && std::isfinite(point.free_arc_deg);
     if (!finite || static_cast<int>(point.label) >= kNumPointLabels ||
         static_cast<int>(point.reason) >= kNumPointReasons || point.tool >= kMostTools) {
       fail("malformed",
@@ -334,7 +336,10 @@ SurfacePoint pointOfRecord(const char* from, const PointsPlyColumns& columns) {
     point.tool = io::take<std::uint8_t>(from);
     point.tools = io::take<std::uint32_t>(from);
   }
-  if (columns.margin) point.margin_m = io::take<float>(from);
+  if (columns.margin) {
+    point.margin_m = io::take<float>(from);
+    point.free_arc_deg = io::take<float>(from);
+  }
   return point;
 }
 

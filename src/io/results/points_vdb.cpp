@@ -138,7 +138,10 @@ PointDataGrid::Ptr PointGridMaker::make() {
   addColumn<int>("reason", [](const SurfacePoint& p, io::UpAxis) { return static_cast<int>(p.reason); });
   addColumn<int>(
       "score", [](const SurfacePoint& p, io::UpAxis) { return p.score == kNoScore ? -1 : static_cast<int>(p.score); });
-  if (margins_) addColumn<float>("margin_m", [](const SurfacePoint& p, io::UpAxis) { return p.margin_m; });
+  if (margins_) {
+    addColumn<float>("margin_m", [](const SurfacePoint& p, io::UpAxis) { return p.margin_m; });
+    addColumn<float>("free_arc_deg", [](const SurfacePoint& p, io::UpAxis) { return p.free_arc_deg; });
+  }
   const std::vector<std::string> carried = points_.attributeNames();
   for (std::size_t c = 0; c < carried.size(); ++c) {
     openvdb::points::appendAttribute<int, NullCodec>(grid_->tree(), carried[c]);

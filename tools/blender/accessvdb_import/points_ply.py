@@ -20,8 +20,9 @@ COLUMNS = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "label", "re
 QUATERNION = ("qw", "qx", "qy", "qz")
 #: Columns of several tools: the one that stands for the point, and a bit for each that reaches it.
 TOOLS = ("tool", "tools")
-#: Column of tools with margins: metres of room around the tool, -1 where it does not reach the point.
-MARGIN = "margin_m"
+#: Columns of tools with margins: metres of room around the tool, and degrees that it can turn; -1 where it does not
+#: reach the point.
+MARGINS = ("margin_m", "free_arc_deg")
 LABELS = ("unscored", "accessible", "blocked")
 REASONS = ("none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed",
            "beside_surface")

@@ -157,6 +157,7 @@ bool isOwnJson(const fs::path& file) {
       {"match", "points_before", "points_after", "transitions"},  // diff
       {"tool_sha256", "removed"},
       {"tool_sha256", "cuts"},                                         // whatif
+      {"accessible_points", "tried_without_way", "targets"},           // approaches
       {"schema", "version", "scene", "trajectory", "frames_written"},  // simulate
       {"schema", "origin", "finished", "rows"},                        // evaluate
       {"schema", "version", "command", "maps", "comparisons"}};        // consistency
@@ -193,7 +194,7 @@ bool isOwn(const fs::path& output) {
   if (kind == ".tif") return (begins("II*") || begins("II+")) && has("AccessVDB ");
   if (kind == ".mcap") return begins("\x89MCAP0\r\n") && begins("AccessVDB ", 25);
   if (kind == ".gpkg") return begins("SQLite format 3") && has("accessible points, written by AccessVDB");
-  if (kind == ".csv") return begins(io::kTableBegin);
+  if (kind == ".csv") return begins(io::kTableBegin) || begins("target,approach,point,");
   if (kind == ".md")
     return has("- command: accessvdb-lab evaluate") || has("- command: accessvdb evaluate") ||
            begins("# Consistency of labels from recorded scans");
