@@ -16,64 +16,13 @@
 #include "accessvdb/error.h"
 #include "accessvdb/pose_query.h"
 #include "accessvdb/tool_spec.h"
+#include "property/ball_world.h"
 #include "support/walk_generator.h"
 
 namespace accessvdb {
 namespace {
 
-constexpr double kVoxel_m = 0.02, kRadius_m = 0.5;
-const Eigen::Vector3d kCentre_W(0, 0, 2);
-
-struct Random {
-  double uniform(double low, double high) { return std::uniform_real_distribution<double>(low, high)(engine); }
-  Eigen::Vector3d direction() {
-    const std::normal_distribution<double> normal;
-    std::normal_distribution<double> each = normal;
-    return Eigen::Vector3d(each(engine), each(engine), each(engine)).normalized();
-  }
-  Eigen::Isometry3d pose(double near_m, double far_m) {
-    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-    T.translation() = kCentre_W + uniform(near_m, far_m) * direction();
-    T.linear() = Eigen::AngleAxisd(uniform(0, M_PI), direction()).toRotationMatrix();
-    return T;
-  }
-  std::mt19937 engine{5};
-};
-
-/// A ball, seen from all sides, and all that rays went through.
-AccessibilityField ballField(const ToolGeometry& tool) {
-  FieldParams params;
-  params.tsdf.voxel_size_m = kVoxel_m;
-  params.tsdf.range_noise_m = 0;
-  params.tsdf.clear_rays_m = std::numeric_limits<double>::infinity();
-  params.backend = BackendKind::Cpu;
-  AccessibilityField field(tool, params);
-  Random random;
-  for (int n = 0; n < 40; ++n) {
-    std::vector<Eigen::Vector3d> points_W, origins_W;
-    for (int k = 0; k < 4000; ++k) {
-      const Eigen::Vector3d normal = random.direction();
-      points_W.push_back(kCentre_W + kRadius_m * normal);
-      origins_W.emplace_back(points_W.back() + 2 * (normal + 0.3 * random.direction()));
-    }
-    field.integrateRays(points_W, origins_W);
-  }
-  return field;
-}
-
-/// Places on the tool's surface, at most so far apart.
-std::vector<Eigen::Vector3d> surfaceOf(const ToolGeometry& tool, double spacing_m) {
-  std::vector<Eigen::Vector3d> places;
-  for (const auto& t : tool.triangles()) {
-    const Eigen::Vector3d a = tool.vertices_T()[t[0]].cast<double>(), b = tool.vertices_T()[t[1]].cast<double>(),
-                          c = tool.vertices_T()[t[2]].cast<double>();
-    const int n = 1 + static_cast<int>(std::max({(b - a).norm(), (c - a).norm(), (c - b).norm()}) / spacing_m);
-    for (int i = 0; i <= n; ++i) {
-      for (int j = 0; i + j <= n; ++j) places.emplace_back(a + (b - a) * i / n + (c - a) * j / n);
-    }
-  }
-  return places;
-}
+using namespace test::ball_world;
 
 TEST(PoseFits, AgreesWithExactDistances) {
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pruner");

@@ -3,6 +3,7 @@
 /// approaches.json, approaches.csv and approaches.ply.
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <nlohmann/json.hpp>
@@ -24,8 +25,13 @@ std::array<double, 7> numbersOf(const Eigen::Isometry3d& T_WT) {
   Eigen::Quaterniond q(T_WT.linear());
   if (q.w() < 0) q.coeffs() = -q.coeffs();
   const Eigen::Vector3d& p = T_WT.translation();
-  return {p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()};
+  std::array<double, 7> numbers = {p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()};
+  for (double& number : numbers) number += 0.0;  // no -0
+  return numbers;
 }
+
+/// As few digits as a float32 has.
+double shortened(float value) { return std::round(static_cast<double>(value) * 1e6) / 1e6; }
 
 Json jsonOf(const Eigen::Isometry3d& T_WT) {
   const std::array<double, 7> n = numbersOf(T_WT);
@@ -39,7 +45,7 @@ Json jsonOf(const ApproachPath& path) {
           {"direction", path.direction},
           {"roll", path.roll},
           {"collisions", path.collisions},
-          {"free_arc_deg", path.free_arc_deg < 0 ? Json(nullptr) : Json(path.free_arc_deg)},
+          {"free_arc_deg", path.free_arc_deg < 0 ? Json(nullptr) : Json(shortened(path.free_arc_deg))},
           {"seen_free_m", path.seen_free_m}};
 }
 
@@ -55,8 +61,9 @@ std::string csvOf(const Approaches& found, const std::vector<std::string>& tools
     const ApproachTarget& target = found.targets[n];
     for (std::size_t k = 0; k < target.approaches.size(); ++k) {
       const ApproachPath& path = target.approaches[k];
-      text << n << "," << k << "," << target.point << "," << tools[target.tool] << "," << target.margin_m << ","
-           << path.free_arc_deg << "," << target.confidence << "," << path.collisions << "," << path.seen_free_m;
+      text << n << "," << k << "," << target.point << "," << tools[target.tool] << "," << shortened(target.margin_m)
+           << "," << shortened(path.free_arc_deg) << "," << shortened(target.confidence) << "," << path.collisions
+           << "," << path.seen_free_m;
       for (const Eigen::Isometry3d& T_WT : {path.pre_contact_T_WT, path.contact_T_WT, path.retreat_T_WT})
         for (const double number : numbersOf(T_WT)) text << "," << number;
       text << "\n";
@@ -124,8 +131,8 @@ std::string approachesJson(const Approaches& found, const std::vector<std::strin
                 {"position", {target.position_W.x(), target.position_W.y(), target.position_W.z()}},
                 {"normal", {target.normal_W.x(), target.normal_W.y(), target.normal_W.z()}},
                 {"tool", tools[target.tool]},
-                {"margin_m", target.margin_m < 0 ? Json(nullptr) : Json(target.margin_m)},
-                {"confidence", target.confidence},
+                {"margin_m", target.margin_m < 0 ? Json(nullptr) : Json(shortened(target.margin_m))},
+                {"confidence", shortened(target.confidence)},
                 {"distance_m", target.distance_m},
                 {"covers_points", target.covers},
                 {"value", target.value == kNoAttribute ? Json(nullptr) : Json(target.value)},
