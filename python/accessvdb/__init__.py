@@ -38,6 +38,7 @@ try:
         ChangeParams,
         Cut,
         CutOrder,
+        DistanceGrid,
         FieldParams,
         FieldSnapshot,
         FrameStats,
@@ -70,6 +71,7 @@ try:
         render_access_map,
         render_field,
         render_tool,
+        with_margins,
     )
 except ImportError as _error:
     # accessvdb.tiles only starts programs, also on machines without the compiled module. All else needs it: whoever asks

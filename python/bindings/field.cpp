@@ -245,6 +245,7 @@ void bindField(py::module_& module) {
       "Scans go in, labelled surface points come out. Calls from several threads take turns; other Python "
       "threads can run during long calls.");
   bindQueries(class_);
+  bindApproaches(class_);
   bindRegionCalls(class_);
   class_
       .def(

@@ -15,6 +15,7 @@ PYBIND11_MODULE(_accessvdb, module) {
   bindAccessMap(module);
   bindRegions(module);
   bindAnswers(module);
+  bindDistanceGrid(module);
   bindLive(module);
   bindRolling(module);
   bindScans(module);

@@ -18,6 +18,7 @@ void bindLabels(pybind11::module_& module);
 void bindTool(pybind11::module_& module);
 void bindParams(pybind11::module_& module);
 void bindAnswers(pybind11::module_& module);
+void bindDistanceGrid(pybind11::module_& module);
 void bindSnapshot(pybind11::module_& module);
 void bindAccessMap(pybind11::module_& module);
 void bindRegions(pybind11::module_& module);

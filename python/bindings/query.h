@@ -9,7 +9,9 @@
 
 namespace accessvdb::python {
 
-/// query() and query_along() of AccessibilityField.
+/// distance_grid(), free_arcs_deg() and approaches().
+void bindApproaches(pybind11::class_<LockedField>& field);
+/// query(), query_along(), fits() and fits_along().
 void bindQueries(pybind11::class_<LockedField>& field);
 
 }  // namespace accessvdb::python

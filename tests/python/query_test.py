@@ -113,5 +113,60 @@ class Query(unittest.TestCase):
                 self.field.query_along(a, b, radius)
 
 
+class Approaches(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.field = walls.field()
+        cls.snapshot = cls.field.snapshot()
+
+    def test_distances_are_those_to_the_voxels_that_collide(self):
+        low, high = [2.6, -0.5, 0.0], [3.1, 0.1, 0.4]
+        grid = self.field.distance_grid(low, high, 0.5)
+        self.assertEqual(grid.distance_m.shape, grid.known.shape)
+        self.assertFalse(grid.distance_m.flags.writeable)
+        v = grid.voxel_size_m
+        index = np.argwhere(grid.distance_m == 0)
+        self.assertGreater(len(index), 10)
+        # A voxel that collides is where a surface point is, or beside one.
+        centres = grid.first_W + v * index
+        away = np.linalg.norm(centres[:, None] - self.snapshot.position_W[None], axis=2).min(axis=1)
+        self.assertLess(away.max(), 2 * v)
+        every = grid.first_W + v * np.argwhere(grid.distance_m >= 0)
+        far = np.linalg.norm(every[:, None] - centres[None], axis=2).min(axis=1)
+        inside = grid.distance_m.ravel() < 0.1  # obstacles outside the box are no nearer there, or as near
+        self.assertTrue((grid.distance_m.ravel()[inside] <= far[inside] + 1e-5).all())
+        with self.assertRaises(accessvdb.InvalidArgument):
+            self.field.distance_grid(high, low, 0.5)
+
+    def test_arcs_are_those_of_accessible_points(self):
+        arcs = self.field.free_arcs_deg(self.snapshot.id)
+        reached = self.snapshot.label == accessvdb.PointLabel.ACCESSIBLE
+        np.testing.assert_array_equal(arcs > 0, reached)
+        self.assertEqual(arcs.dtype, np.float32)
+        with self.assertRaises(accessvdb.InvalidArgument):
+            self.field.free_arcs_deg([0, 0])
+
+    def test_targets_are_accessible_points_with_poses(self):
+        found = self.field.approaches(most=3, allow_unknown=True)
+        self.assertLessEqual(len(found["targets"]), 3)
+        reached = set(self.snapshot.id[self.snapshot.label == accessvdb.PointLabel.ACCESSIBLE].tolist())
+        self.assertEqual(found["accessible_points"], len(reached))
+        for target in found["targets"]:
+            self.assertIn(target["point"], reached)
+            for path in target["approaches"]:
+                away = np.subtract(path["pre_contact"]["position"], path["contact"]["position"])
+                self.assertAlmostEqual(np.linalg.norm(away), 8 * walls.VOXEL_M, places=6)
+        with self.assertRaises(accessvdb.InvalidArgument):
+            self.field.approaches(within_m=3)
+
+    def test_margins_are_in_the_snapshot(self):
+        tool = accessvdb.ToolGeometry.builtin("builtin:pruner")
+        tools = accessvdb.with_margins([tool], [0, 2 * walls.VOXEL_M])
+        self.assertEqual([t.tool.margin_m for t in tools], [0, 2 * walls.VOXEL_M])
+        self.assertNotEqual(tool.grown_by(0.1).sha256, tool.sha256)
+        with self.assertRaises(accessvdb.InvalidArgument):
+            tool.grown_by(-1)
+
+
 if __name__ == "__main__":
     unittest.main()

@@ -33,6 +33,10 @@ std::array<double, 7> numbersOf(const Eigen::Isometry3d& T_WT) {
 /// As few digits as a float32 has.
 double shortened(float value) { return std::round(static_cast<double>(value) * 1e6) / 1e6; }
 
+std::string nameOf(const ApproachTarget& target, const std::vector<std::string>& tools) {
+  return target.tool < tools.size() ? tools[target.tool] : std::to_string(target.tool);
+}
+
 Json jsonOf(const Eigen::Isometry3d& T_WT) {
   const std::array<double, 7> n = numbersOf(T_WT);
   return {{"position", {n[0], n[1], n[2]}}, {"orientation_wxyz", {n[3], n[4], n[5], n[6]}}};
@@ -61,7 +65,7 @@ std::string csvOf(const Approaches& found, const std::vector<std::string>& tools
     const ApproachTarget& target = found.targets[n];
     for (std::size_t k = 0; k < target.approaches.size(); ++k) {
       const ApproachPath& path = target.approaches[k];
-      text << n << "," << k << "," << target.point << "," << tools[target.tool] << "," << shortened(target.margin_m)
+      text << n << "," << k << "," << target.point << "," << nameOf(target, tools) << "," << shortened(target.margin_m)
            << "," << shortened(path.free_arc_deg) << "," << shortened(target.confidence) << "," << path.collisions
            << "," << path.seen_free_m;
       for (const Eigen::Isometry3d& T_WT : {path.pre_contact_T_WT, path.contact_T_WT, path.retreat_T_WT})
@@ -130,7 +134,7 @@ std::string approachesJson(const Approaches& found, const std::vector<std::strin
     Json one = {{"point", target.point},
                 {"position", {target.position_W.x(), target.position_W.y(), target.position_W.z()}},
                 {"normal", {target.normal_W.x(), target.normal_W.y(), target.normal_W.z()}},
-                {"tool", tools[target.tool]},
+                {"tool", nameOf(target, tools)},
                 {"margin_m", target.margin_m < 0 ? Json(nullptr) : Json(shortened(target.margin_m))},
                 {"confidence", shortened(target.confidence)},
                 {"distance_m", target.distance_m},
