@@ -104,8 +104,8 @@ class CApiRolling : public testing::Test {
  protected:
   void SetUp() override {
     ASSERT_EQ(accessvdb_tool_builtin("builtin:pencil", &tool_, nullptr), ACCESSVDB_OK);
-    specs_[0] = {tool_, "level", nullptr, 0, 0};
-    specs_[1] = {tool_, "any", "sphere:45", 0, 0};
+    specs_[0] = {tool_, "level", nullptr, 0, 0, 0};
+    specs_[1] = {tool_, "any", "sphere:45", 0, 0, 0};
     params_ = defaults();
     params_.voxel_size_m = 0.1;
     params_.backend = ACCESSVDB_BACKEND_CPU;

@@ -135,21 +135,23 @@ TEST(CApiParity, SeveralTools) {
   std::array<accessvdb_tool*, 2> tools = {};
   ASSERT_EQ(accessvdb_tool_builtin("builtin:pruner", tools.data(), &error), ACCESSVDB_OK);
   ASSERT_EQ(accessvdb_tool_builtin("builtin:pencil", &tools[1], &error), ACCESSVDB_OK);
-  std::array<accessvdb_tool_spec, 2> specs = {};
-  specs[0] = {tools[0], "arm", nullptr, 0, -1};
-  specs[1] = {tools[1], nullptr, "sphere:30", 0, 0};
+  std::array<accessvdb_tool_spec, 3> specs = {};
+  specs[0] = {tools[0], "arm", nullptr, 0, -1, 0};
+  specs[1] = {tools[0], nullptr, nullptr, 0, -1, 0.16};
+  specs[2] = {tools[1], nullptr, "sphere:30", 0, 0, 0};
   accessvdb_params params = {};
   params.struct_size = sizeof params;
   ASSERT_EQ(accessvdb_params_defaults(&params), ACCESSVDB_OK);
   params.voxel_size_m = 0.08;
   params.backend = ACCESSVDB_BACKEND_CPU;
   accessvdb_field* field = nullptr;
-  ASSERT_EQ(accessvdb_field_create_tools(specs.data(), sizeof specs[0], 2, &params, &field, &error), ACCESSVDB_OK)
+  ASSERT_EQ(accessvdb_field_create_tools(specs.data(), sizeof specs[0], 3, &params, &field, &error), ACCESSVDB_OK)
       << error.text;
   FieldParams given;
   given.tsdf.voxel_size_m = 0.08;
   given.backend = accessvdb::BackendKind::Cpu;
   AccessibilityField expected({{ToolGeometry::builtin("builtin:pruner"), OrientationSet::yaw(), 0, "arm", -1},
+                               {ToolGeometry::builtin("builtin:pruner").grownBy(0.16), {}, 0, {}, -1},
                                {ToolGeometry::builtin("builtin:pencil"), OrientationSet::sphere(30), 0, {}, 0}},
                               given);
   accessvdb::samples::WalkOptions options;
@@ -165,10 +167,11 @@ TEST(CApiParity, SeveralTools) {
   }
   expected.update();
   ASSERT_EQ(accessvdb_field_update(field, nullptr), ACCESSVDB_OK);
-  EXPECT_EQ(accessvdb_field_tool_count(field), 2u);
+  EXPECT_EQ(accessvdb_field_tool_count(field), 3u);
   EXPECT_STREQ(accessvdb_field_tool_name(field, 0), "arm");
-  EXPECT_STREQ(accessvdb_field_tool_name(field, 1), "pencil");
-  EXPECT_STREQ(accessvdb_field_tool_name(field, 2), "");
+  EXPECT_STREQ(accessvdb_field_tool_name(field, 1), "pruner_160mm");
+  EXPECT_STREQ(accessvdb_field_tool_name(field, 2), "pencil");
+  EXPECT_STREQ(accessvdb_field_tool_name(field, 3), "");
   const auto expectEqual = [&](const FieldSnapshot& snapshot) {
     std::vector<accessvdb_point> points(snapshot.points.size());
     ASSERT_EQ(accessvdb_field_copy_points(field, 0, points.size(), points.data(), sizeof points[0]), ACCESSVDB_OK);
@@ -176,6 +179,7 @@ TEST(CApiParity, SeveralTools) {
     for (std::size_t n = 0; n < points.size(); ++n) {
       ASSERT_EQ(points[n].tool, snapshot.points[n].tool);
       ASSERT_EQ(points[n].tools, snapshot.points[n].tools);
+      ASSERT_EQ(points[n].margin_m, snapshot.points[n].margin_m);
       ASSERT_EQ(points[n].score, snapshot.points[n].score);
       others += points[n].tool;
     }
@@ -187,26 +191,26 @@ TEST(CApiParity, SeveralTools) {
   ASSERT_EQ(accessvdb_field_take_snapshot(field, &count), ACCESSVDB_OK);
   ASSERT_EQ(count, expected.snapshot().points.size());
   expectEqual(expected.snapshot());
-  ASSERT_EQ(accessvdb_field_take_tool_snapshot(field, 1, &count), ACCESSVDB_OK);
-  expectEqual(expected.toolSnapshot(1));
-  EXPECT_NE(accessvdb_field_take_tool_snapshot(field, 2, &count), ACCESSVDB_OK);
+  ASSERT_EQ(accessvdb_field_take_tool_snapshot(field, 2, &count), ACCESSVDB_OK);
+  expectEqual(expected.toolSnapshot(2));
+  EXPECT_NE(accessvdb_field_take_tool_snapshot(field, 3, &count), ACCESSVDB_OK);
   EXPECT_STREQ(accessvdb_field_error_id(field), "tool.index");
 
   const std::string file = testing::TempDir() + "several_tools.state";
   ASSERT_EQ(accessvdb_field_save_state(field, file.c_str()), ACCESSVDB_OK);
   accessvdb_field* again = nullptr;
-  EXPECT_EQ(accessvdb_field_load_state_tools(file.c_str(), specs.data(), sizeof specs[0], 2, ACCESSVDB_BACKEND_CPU, 0,
+  EXPECT_EQ(accessvdb_field_load_state_tools(file.c_str(), specs.data(), sizeof specs[0], 3, ACCESSVDB_BACKEND_CPU, 0,
                                              &again, &error),
             ACCESSVDB_OK);
   accessvdb_field_free(again);
   specs[0].max_collisions = 3;
-  EXPECT_EQ(accessvdb_field_load_state_tools(file.c_str(), specs.data(), sizeof specs[0], 2, ACCESSVDB_BACKEND_CPU, 0,
+  EXPECT_EQ(accessvdb_field_load_state_tools(file.c_str(), specs.data(), sizeof specs[0], 3, ACCESSVDB_BACKEND_CPU, 0,
                                              &again, &error),
             ACCESSVDB_ERROR_UNUSABLE);
   EXPECT_STREQ(error.id, "state.tool");
   std::filesystem::remove(file);
   specs[1].tool = nullptr;
-  EXPECT_EQ(accessvdb_field_create_tools(specs.data(), sizeof specs[0], 2, &params, &again, &error),
+  EXPECT_EQ(accessvdb_field_create_tools(specs.data(), sizeof specs[0], 3, &params, &again, &error),
             ACCESSVDB_ERROR_USAGE);
   EXPECT_EQ(accessvdb_field_create_tools(specs.data(), sizeof specs[0], 0, &params, &again, &error),
             ACCESSVDB_ERROR_USAGE);
