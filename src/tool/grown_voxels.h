@@ -12,8 +12,8 @@ namespace accessvdb::internal {
 /// The largest margin whose voxels are made, in voxels: time grows with its square.
 inline constexpr double kMostMargin_voxels = 128;
 
-/// Room that a tool has at its tip, per distance from the ball of self-exclusion: what one that is held 20 degrees above
-/// a flat surface, as aslant as ApproachParams::normal_cone_rad allows, has from what it touches.
+/// Room that a tool has at its tip, per distance from the ball of self-exclusion: what one that is held 20 degrees
+/// above a flat surface, as aslant as ApproachParams::normal_cone_rad allows, has from what it touches.
 inline constexpr double kRoomPerDistance = 1.0 / 3;
 
 /// The voxels of a tool, and those whose centre is within the margin of one of them. At its tip the tool touches the

@@ -130,7 +130,7 @@ class Approaches(unittest.TestCase):
         # A voxel that collides is where a surface point is, or beside one.
         centres = grid.first_W + v * index
         away = np.linalg.norm(centres[:, None] - self.snapshot.position_W[None], axis=2).min(axis=1)
-        self.assertLess(away.max(), 2 * v)
+        self.assertLess(away.max(), 3 * v)  # a point may be anywhere in its voxel
         every = grid.first_W + v * np.argwhere(grid.distance_m >= 0)
         far = np.linalg.norm(every[:, None] - centres[None], axis=2).min(axis=1)
         inside = grid.distance_m.ravel() < 0.1  # obstacles outside the box are no nearer there, or as near

@@ -25,6 +25,7 @@ COLUMNS = {
     "roll": (np.uint8, 1),
     "tool": (np.uint8, 1),
     "tools": (np.uint32, 1),
+    "margin_m": (np.float32, 1),
     "score": (np.uint16, 1),
     "weight": (np.float32, 1),
     "confidence": (np.float32, 1),

@@ -240,7 +240,7 @@ void Search::collect() {
   }
   if (all_.empty()) {
     throw UnusableInput("approaches.none", "", "no point is accessible that is near enough",
-                        "See the reasons of its points: accessvdb report, or query --access-map");
+                        "See the reasons of its points, and what their access maps say");
   }
   found_.accessible = all_.size();
   // What decides which point stands for those around it; that of a target's place among others comes later.

@@ -22,7 +22,7 @@ constexpr double kMostReach = 512;
 constexpr std::int32_t kNothingNear = 1 << 29;
 
 /// Voxels low .. high of the map.
-struct VoxelBox {
+struct GridBox {
   std::array<std::int32_t, 3> low, high;
   [[nodiscard]] std::size_t size(std::size_t axis) const {
     return static_cast<std::size_t>(high[axis] - low[axis] + 1);
@@ -35,7 +35,7 @@ struct VoxelBox {
 
 /// Calls visit(x, y, z, collides, known) for each voxel of the box that a leaf or what was left out says something of.
 template <typename Visit>
-void forEachFact(const internal::PackedMap& map, const VoxelBox& box, const Visit& visit) {
+void forEachFact(const internal::PackedMap& map, const GridBox& box, const Visit& visit) {
   const auto perLeaf = [&](const openvdb::Coord& origin, const LeafChange& facts) {
     for (std::int32_t x = std::max(origin.x(), box.low[0]); x <= std::min(origin.x() + 7, box.high[0]); ++x) {
       for (std::int32_t y = std::max(origin.y(), box.low[1]); y <= std::min(origin.y() + 7, box.high[1]); ++y) {
@@ -85,7 +85,7 @@ void lowerAlong(std::vector<std::int32_t>& squares, std::size_t count, std::size
     std::copy_n(room.data() + n * length, length, squares.data() + first + n * stride);
 }
 
-VoxelBox boxOf(const AccessibilityField& field, const Eigen::Vector3d& low_W, const Eigen::Vector3d& high_W) {
+GridBox boxOf(const AccessibilityField& field, const Eigen::Vector3d& low_W, const Eigen::Vector3d& high_W) {
   const double v = field.params().tsdf.voxel_size_m;
   const Eigen::Vector3d low = (low_W - field.origin_W()) / v, high = (high_W - field.origin_W()) / v;
   constexpr double kFarthest = 1 << 30;
@@ -94,7 +94,7 @@ VoxelBox boxOf(const AccessibilityField& field, const Eigen::Vector3d& low_W, co
     throw InvalidArgument("distance.box", "", "the box is empty, not finite or outside the map's range",
                           "Give two corners in the world frame, the lower one first");
   }
-  VoxelBox box = {};
+  GridBox box = {};
   for (Eigen::Index axis = 0; axis < 3; ++axis) {  // the centre of voxel i is at i
     box.low[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(std::floor(low[axis] + 0.5));
     box.high[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(std::floor(high[axis] + 0.5));
@@ -111,8 +111,8 @@ DistanceGrid distanceGrid(const AccessibilityField& field, const Eigen::Vector3d
     throw InvalidArgument("distance.range", std::to_string(most_m) + " m", "is less than a voxel",
                           "Use " + std::to_string(v) + " m or more");
   }
-  const VoxelBox box = boxOf(field, low_W, high_W);
-  VoxelBox wide = box;
+  const GridBox box = boxOf(field, low_W, high_W);
+  GridBox wide = box;
   double voxels = 1;
   for (std::size_t axis = 0; axis < 3; ++axis) voxels *= static_cast<double>(box.size(axis)) + 2 * reach_voxels + 1;
   if (!(voxels <= kMostVoxels) || reach_voxels > kMostReach) {
