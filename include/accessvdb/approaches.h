@@ -45,8 +45,9 @@ struct ApproachPath {
   Eigen::Isometry3d pre_contact_T_WT = Eigen::Isometry3d::Identity();  ///< world from tool
   Eigen::Isometry3d contact_T_WT = Eigen::Isometry3d::Identity();      ///< the tip is at the point
   Eigen::Isometry3d retreat_T_WT = Eigen::Isometry3d::Identity();
-  std::uint16_t direction = 0;   ///< as SurfacePoint::direction
-  std::uint8_t roll = 0;         ///< as SurfacePoint::roll
+  std::uint16_t direction = 0;  ///< as SurfacePoint::direction; the first one's has most free directions around it
+  std::uint8_t roll = 0;        ///< as SurfacePoint::roll
+  // With the room that the target's margin says:
   std::uint16_t collisions = 0;  ///< in contact, below the field's limit
   float free_arc_deg = -1;       ///< as AccessibilityField::freeArcs_deg(), around this direction
   double seen_free_m = 0;        ///< how far back from contact the way was seen free, up to twice the stand-off
@@ -56,13 +57,13 @@ struct ApproachTarget {
   std::uint32_t point = 0;  ///< SurfacePoint::id
   Eigen::Vector3d position_W = {0, 0, 0};
   Eigen::Vector3f normal_W = {0, 0, 0};
-  std::size_t tool = 0;                  ///< of the field's tools
-  float margin_m = -1;                   ///< SurfacePoint::margin_m
-  float confidence = 0;                  ///< SurfacePoint::confidence
-  double distance_m = 0;                 ///< from ApproachOptions::from_W; 0 without it
-  std::size_t covers = 0;                ///< accessible points that are nearer to it than the spacing
-  std::int32_t value = 0;                ///< of the attribute `per`
-  std::vector<ApproachPath> approaches;  ///< at least one; the best direction first
+  std::size_t tool = 0;    ///< of the field's tools
+  float margin_m = -1;     ///< SurfacePoint::margin_m; all of its approaches have that much room in contact
+  float confidence = 0;    ///< SurfacePoint::confidence
+  double distance_m = 0;   ///< from ApproachOptions::from_W; 0 without it
+  std::size_t covers = 0;  ///< accessible points that are nearer to it than the spacing
+  std::int32_t value = 0;  ///< of the attribute `per`
+  std::vector<ApproachPath> approaches;  ///< at least one
   std::string why;                       ///< what it was ranked by, in words
 };
 

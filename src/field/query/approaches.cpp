@@ -145,12 +145,34 @@ Eigen::Isometry3d contactPose(const Eigen::Vector3d& p_W, const Eigen::Quaternio
 }
 
 struct Candidate {
-  SurfacePoint point;
+  SurfacePoint point;  ///< with a direction of the tool below
+  /// The tool with the largest margin that reaches the point: itself, or the one that stands for the point, grown.
+  std::size_t with_room = 0;
   std::int32_t value = 0;  ///< of `per`
   double distance_m = 0;
   float free_arc_deg = -1;
   double free_m = 0;
+  bool is_free = false;  ///< there is a direction
 };
+
+std::vector<bool> freeOf(const AccessMap& map) {
+  std::vector<bool> free;
+  for (const DirectionOutcome& outcome : map.directions) free.push_back(outcome.reason == PointReason::None);
+  return free;
+}
+
+/// The free directions: those from which the tool can turn farthest to either side first, then those with the least
+/// score, then by index.
+std::vector<std::uint16_t> deepestFirst(const AccessMap& map, const std::vector<std::size_t>& depths) {
+  std::vector<std::uint16_t> order;
+  for (std::size_t d = 0; d < depths.size(); ++d)
+    if (map.directions[d].reason == PointReason::None) order.push_back(static_cast<std::uint16_t>(d));
+  std::stable_sort(order.begin(), order.end(), [&](std::uint16_t a, std::uint16_t b) {
+    if (depths[a] != depths[b]) return depths[a] > depths[b];
+    return map.directions[a].score < map.directions[b].score;
+  });
+  return order;
+}
 
 std::string wordsOf(const Candidate& candidate, bool near) {
   char text[160];
@@ -201,6 +223,9 @@ class Search {
 
  private:
   void collect();
+  void findRoom();
+  void chooseDirections(std::span<const std::size_t> turn);
+  static void choose(Candidate& candidate, const AccessMap& map, const internal::DirectionNeighbours& neighbours);
   [[nodiscard]] PlaceGrid& gridOf(std::map<std::int32_t, PlaceGrid>& grids, const Candidate& candidate) const {
     return grids.try_emplace(candidate.value, options_.spacing_m).first->second;
   }
@@ -238,6 +263,7 @@ void Search::collect() {
     if (column) candidate.value = points->attribute(n, *column);
     all_.push_back(std::move(candidate));
   }
+  findRoom();
   if (all_.empty()) {
     throw UnusableInput("approaches.none", "", "no point is accessible that is near enough",
                         "See the reasons of its points, and what their access maps say");
@@ -248,6 +274,46 @@ void Search::collect() {
     return std::tuple(-a.point.margin_m, -stepsOf(a.point.confidence, kConfidenceStep), a.point.score, a.point.id) <
            std::tuple(-b.point.margin_m, -stepsOf(b.point.confidence, kConfidenceStep), b.point.score, b.point.id);
   });
+}
+
+/// A point's margin is that of some direction, which need not be free for the tool that stands for it, without room.
+void Search::findRoom() {
+  const std::vector<ToolSpec>& tools = field_.tools();
+  for (Candidate& candidate : all_) {
+    candidate.with_room = candidate.point.tool;
+    for (std::size_t k = candidate.point.tool + std::size_t{1}; k < tools.size() && tools[k].tool.margin_m() > 0; ++k)
+      if ((candidate.point.tools >> k & 1) != 0) candidate.with_room = k;
+  }
+}
+
+/// Of the free directions with the room that there is, one from which the tool can turn far to either side.
+void Search::chooseDirections(std::span<const std::size_t> turn) {
+  std::map<std::size_t, std::vector<std::size_t>> of_tools;
+  for (const std::size_t n : turn) of_tools[all_[n].with_room].push_back(n);
+  for (const auto& [tool, places] : of_tools) {
+    const internal::DirectionNeighbours neighbours(
+        internal::resolvedFor(field_.tools()[tool], field_.params()).approach);
+    for (std::size_t begin = 0; begin < places.size(); begin += kTriedAtOnce) {
+      std::vector<std::uint32_t> ids;
+      const std::size_t end = std::min(begin + kTriedAtOnce, places.size());
+      for (std::size_t k = begin; k < end; ++k) ids.push_back(all_[places[k]].point.id);
+      const std::vector<AccessMap> maps = field_.accessMaps(ids, tool);
+      for (std::size_t k = begin; k < end; ++k) choose(all_[places[k]], maps[k - begin], neighbours);
+    }
+  }
+}
+
+void Search::choose(Candidate& candidate, const AccessMap& map, const internal::DirectionNeighbours& neighbours) {
+  const std::vector<bool> free = freeOf(map);
+  const std::vector<std::uint16_t> order = deepestFirst(map, internal::freeDepths(neighbours, free));
+  candidate.is_free = !order.empty();
+  if (!candidate.is_free) return;
+  const std::uint16_t d = order.front();
+  candidate.point.direction = d;
+  candidate.point.roll = map.directions[d].roll;
+  candidate.point.score = map.directions[d].score;
+  candidate.point.orientation_WT = map.directions[d].orientation_WT;
+  candidate.free_arc_deg = internal::freeArc_deg(neighbours, free, d);
 }
 
 /// In turns: of the points that are not within the spacing of a target, as many as keep the spacing among themselves,
@@ -275,6 +341,7 @@ std::vector<Candidate> Search::spread(const WayBack& way) {
       gridOf(of_turn, all_[n]).add(all_[n].point.position_W, n);
       turn.push_back(n);
     }
+    chooseDirections(turn);
     for (std::size_t tool = 0; tool < field_.tools().size(); ++tool) {
       std::vector<std::size_t> of_tool;
       std::vector<Eigen::Isometry3d> poses;
@@ -287,7 +354,7 @@ std::vector<Candidate> Search::spread(const WayBack& way) {
       const std::vector<double> free_m = way.freeFor_m(poses, tool);
       for (std::size_t k = 0; k < of_tool.size(); ++k) {
         Candidate& candidate = all_[of_tool[k]];
-        candidate.free_m = free_m[k];
+        candidate.free_m = candidate.is_free ? free_m[k] : 0;
         if (!way.isWay(free_m[k])) {
           ++found_.without_way;
           gridOf(in_vain, candidate).add(candidate.point.position_W, of_tool[k]);
@@ -298,16 +365,6 @@ std::vector<Candidate> Search::spread(const WayBack& way) {
       }
     }
     left = std::move(later);
-  }
-  std::map<std::size_t, std::pair<std::vector<std::uint32_t>, std::vector<std::size_t>>> of_tools;
-  for (std::size_t n = 0; n < targets.size(); ++n) {
-    auto& [ids, places] = of_tools[targets[n].point.tool];
-    ids.push_back(targets[n].point.id);
-    places.push_back(n);
-  }
-  for (const auto& [tool, list] : of_tools) {
-    const std::vector<float> arcs_deg = field_.freeArcs_deg(list.first, tool);
-    for (std::size_t k = 0; k < arcs_deg.size(); ++k) targets[list.second[k]].free_arc_deg = arcs_deg[k];
   }
   return targets;
 }
@@ -344,6 +401,7 @@ void Search::keepMost(std::vector<Candidate>& targets) const {
 
 void Search::addWays(const std::vector<Candidate>& targets, const WayBack& way) {
   std::map<std::size_t, std::vector<std::uint32_t>> ids;
+  std::map<std::pair<std::size_t, std::uint32_t>, std::size_t> target_of;
   for (const Candidate& candidate : targets) {
     ApproachTarget target;
     target.point = candidate.point.id;
@@ -364,31 +422,24 @@ void Search::addWays(const std::vector<Candidate>& targets, const WayBack& way) 
     path.free_arc_deg = candidate.free_arc_deg;
     target.approaches.push_back(path);
     found_.targets.push_back(std::move(target));
-    ids[candidate.point.tool].push_back(candidate.point.id);
+    ids[candidate.with_room].push_back(candidate.point.id);
+    target_of[{candidate.with_room, candidate.point.id}] = found_.targets.size() - 1;
   }
   if (options_.each == 1) return;
-  std::map<std::pair<std::size_t, std::uint32_t>, ApproachTarget*> target_of;
-  for (ApproachTarget& target : found_.targets) target_of[{target.tool, target.point}] = &target;
   for (const auto& [tool, list] : ids) {
     for (std::size_t begin = 0; begin < list.size(); begin += kTriedAtOnce) {
       const std::span<const std::uint32_t> some(list.data() + begin, std::min(kTriedAtOnce, list.size() - begin));
       for (const AccessMap& map : field_.accessMaps(some, tool))
-        addOtherWays(*target_of[{tool, map.point.id}], map, way);
+        addOtherWays(found_.targets[target_of[{tool, map.point.id}]], map, way);
     }
   }
 }
 
 void Search::addOtherWays(ApproachTarget& target, const AccessMap& map, const WayBack& way) const {
-  std::vector<bool> free;
-  std::vector<std::uint16_t> order;
-  for (std::size_t d = 0; d < map.directions.size(); ++d) {
-    free.push_back(map.directions[d].reason == PointReason::None);
-    if (free.back()) order.push_back(static_cast<std::uint16_t>(d));
-  }
+  const std::vector<bool> free = freeOf(map);
   const internal::DirectionNeighbours neighbours(
       internal::resolvedFor(field_.tools()[target.tool], field_.params()).approach);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::uint16_t a, std::uint16_t b) { return map.directions[a].score < map.directions[b].score; });
+  const std::vector<std::uint16_t> order = deepestFirst(map, internal::freeDepths(neighbours, free));
   std::vector<Eigen::Isometry3d> poses;
   for (const std::uint16_t d : order) poses.push_back(contactPose(target.position_W, map.directions[d].orientation_WT));
   if (poses.empty()) return;

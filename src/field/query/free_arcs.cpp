@@ -71,6 +71,25 @@ float freeArc_deg(const DirectionNeighbours& neighbours, const std::vector<bool>
   return neighbours.width_deg(count, from);
 }
 
+std::vector<std::size_t> freeDepths(const DirectionNeighbours& neighbours, const std::vector<bool>& free) {
+  std::vector<std::size_t> depth(free.size(), free.size());
+  std::vector<std::uint16_t> reached;
+  for (std::size_t d = 0; d < free.size(); ++d) {
+    if (free[d]) continue;
+    depth[d] = 0;
+    reached.push_back(static_cast<std::uint16_t>(d));
+  }
+  if (!neighbours.any()) return depth;
+  for (std::size_t n = 0; n < reached.size(); ++n) {  // grows
+    for (const std::uint16_t next : neighbours.of(reached[n])) {
+      if (depth[next] <= depth[reached[n]] + 1) continue;
+      depth[next] = depth[reached[n]] + 1;
+      reached.push_back(next);
+    }
+  }
+  return depth;
+}
+
 std::vector<float> freeArcs_deg(DirectionTrials& trials, const DirectionNeighbours& neighbours,
                                 std::span<const std::uint32_t> ids, std::span<const std::uint16_t> from) {
   std::vector<float> arcs(ids.size(), -1);

@@ -35,7 +35,11 @@ class DirectionNeighbours {
 [[nodiscard]] float freeArc_deg(const DirectionNeighbours& neighbours, const std::vector<bool>& free,
                                 std::uint16_t from);
 
-/// The same for many points, trying only as many directions as it takes.
+/// How many steps from neighbour to neighbour it takes from each direction to one that is not free, 0 for those; the
+/// same for all free ones where nothing is known of neighbours. @param free  [D]  @return [D]
+[[nodiscard]] std::vector<std::size_t> freeDepths(const DirectionNeighbours& neighbours, const std::vector<bool>& free);
+
+/// freeArc_deg() for many points, trying only as many directions as it takes.
 /// @param ids, from  points, and a free direction of each
 [[nodiscard]] std::vector<float> freeArcs_deg(DirectionTrials& trials, const DirectionNeighbours& neighbours,
                                               std::span<const std::uint32_t> ids, std::span<const std::uint16_t> from);

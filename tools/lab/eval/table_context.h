@@ -74,6 +74,7 @@ void makeMotionTable(TableContext& context);
 // table_of_orientations.cpp: tools that tilt or roll.
 void makeOrientationsTable(TableContext& context);
 void makeMarginsTable(TableContext& context);
+void makeApproachesTable(TableContext& context);
 
 // table_of_pine.cpp: takes minutes to hours, so not part of "all".
 void makePineTable(TableContext& context);

@@ -36,6 +36,7 @@ constexpr Table kTables[] = {
     {"motion", true, makeMotionTable},
     {"orientations", true, makeOrientationsTable},
     {"margins", true, makeMarginsTable},
+    {"approaches", true, makeApproachesTable},
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
     {"change", false, makeChangeTable},
