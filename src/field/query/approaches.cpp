@@ -195,15 +195,14 @@ class Search {
     const double v = field.params().tsdf.voxel_size_m;
     if (options_.spacing_m == 0) options_.spacing_m = std::max(0.25, 5 * v);
     if (options_.stand_off_m == 0) options_.stand_off_m = std::max(0.3, 8 * v);
-    const bool fine = options_.spacing_m >= v && options_.spacing_m <= 1e6 && options_.stand_off_m >= v &&
-                      options_.stand_off_m <= 1e3 && options_.each >= 1 && options_.within_m >= 0 &&
-                      (!options_.from_W || options_.from_W->allFinite());
-    if (!fine) {
-      throw InvalidArgument("approaches.options", "",
-                            "spacing_m and stand_off_m are a voxel or more, each is 1 or more, within_m is 0 or more, "
-                            "and from_W is finite",
-                            "Leave those out that the rules decide");
-    }
+    const auto require = [](bool fine, const char* option, const char* words) {
+      if (!fine) throw InvalidArgument("approaches.options", option, words, "Leave it out for the rule");
+    };
+    require(options_.spacing_m >= v && options_.spacing_m <= 1e6, "spacing_m", "is not a voxel or more");
+    require(options_.stand_off_m >= v && options_.stand_off_m <= 1e3, "stand_off_m", "is not a voxel or more");
+    require(options_.each >= 1, "ApproachOptions::each", "is 0");
+    require(options_.within_m >= 0, "within_m", "is not a distance");
+    require(!options_.from_W || options_.from_W->allFinite(), "from_W", "is not finite");
     if (std::isfinite(options_.within_m) && !options_.from_W) {
       throw InvalidArgument("approaches.options", "within_m", "says how far, and from_W does not say from where",
                             "Give both");
@@ -251,7 +250,7 @@ void Search::collect() {
     const auto found = std::find(names.begin(), names.end(), options_.per);
     if (found == names.end()) {
       throw InvalidArgument("approaches.per", options_.per, "is nothing that the scans carried",
-                            "Name one of FieldParams::carry");
+                            "Name one that it was made with: FieldParams::carry");
     }
     column = static_cast<std::size_t>(found - names.begin());
   }

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
@@ -44,6 +45,7 @@ int runApproaches(const Arguments& arguments, Messages& messages) {
   MapOptions given;
   ApproachOptions options;
   std::string map, out, from;
+  int most = 10, each = 3;
   bool json = false, allow_changed = false;
   FlagParser flags;
   flags.describe("approaches",
@@ -56,12 +58,12 @@ int runApproaches(const Arguments& arguments, Messages& messages) {
   flags.option("--map", &map, "folder of map --checkpoint, or a state file");
   addToolsOptions(flags, given);
   addOrientationOptions(flags, given);
-  flags.option("--most", &options.most, "how many targets, with --per for each value; 0: all");
+  flags.option("--most", &most, "how many targets, with --per for each value; 0: all");
   flags.option("--spacing", &options.spacing_m,
                "least distance between two targets, metres; 0 = rule: 0.25, or 5 voxels");
   flags.option("--stand-off", &options.stand_off_m,
                "how far before contact the pre-contact pose is, metres; 0 = rule: 0.3, or 8 voxels");
-  flags.option("--each", &options.each, "most ways in for each target");
+  flags.option("--each", &each, "most ways in for each target");
   flags.option("--from", &from, "X,Y,Z of the machine: of targets that are otherwise alike, the nearest comes first");
   flags.option("--within", &options.within_m, "only targets so near to --from, metres");
   flags.option("--per", &options.per, "name that map --carry brought: targets are ranked for each of its values");
@@ -74,6 +76,11 @@ int runApproaches(const Arguments& arguments, Messages& messages) {
   checkCommonOptions(common);
   if (map.empty())
     throw InvalidArgument("usage.missing", "--map", "is missing", "Name the folder of accessvdb map --checkpoint");
+  for (const auto& [flag, value] : {std::pair{"--most", most}, {"--each", each}}) {
+    if (value < 0) throw InvalidArgument("usage.number", flag, "is negative", "Use 0 or more");
+  }
+  options.most = static_cast<std::size_t>(most);
+  options.each = static_cast<std::size_t>(each);
   if (!from.empty()) options.from_W = parseVector("--from", from);
   endOnStopSignals(messages);
   const fs::path file = stateFile(map, "usage.approaches", "no way in can be tried", {allow_changed, messages});
