@@ -237,6 +237,35 @@ TEST(Approaches, AreFreeInTheExactSceneAndSpreadOverIt) {
   for (const ApproachTarget& target : approaches(field, options).targets) EXPECT_LE(target.distance_m, 2.8);
 }
 
+/// A point's best direction without room need not be one with the room that its margin says.
+TEST(Approaches, HaveTheRoomThatTheirMarginSays) {
+  const std::vector<ToolSpec> tools = withMargins({{ToolGeometry::builtin("builtin:pruner")}}, {0.04, 0.08, 0.12});
+  FieldParams params = paramsAt(0.04);
+  params.approach.num_directions = 60;
+  AccessibilityField field(tools, params);
+  for (const Scan& scan : wallScans(5, 9, 1500)) field.integrateScan(scan.points_S, scan.T_W_S);
+  field.update();
+  const PoseQuery query = field.poseQuery();
+  std::size_t with_room = 0, only_others = 0;
+  for (const ApproachTarget& target :
+       approaches(field, {.most = 0, .spacing_m = 0.08, .stand_off_m = 0.32, .allow_unknown = true}).targets) {
+    std::size_t k = 0;
+    while (k + 1 < tools.size() && tools[k + 1].tool.margin_m() <= target.margin_m + 1e-6) ++k;
+    with_room += k > 0 ? 1 : 0;
+    for (const ApproachPath& path : target.approaches) {
+      const FitAnswer contact = query.fits({&path.contact_T_WT, 1}, {.tool = k, .contact = true}).front();
+      ASSERT_FALSE(contact.collision()) << target.point << " with " << tools[k].name;
+    }
+    const SurfacePoint point = *field.pointAt(target.position_W);
+    Eigen::Isometry3d best = Eigen::Isometry3d::Identity();
+    best.linear() = point.orientation_WT.cast<double>().normalized().toRotationMatrix();
+    best.translation() = point.position_W;
+    only_others += query.fits({&best, 1}, {.tool = k, .contact = true}).front().collision() ? 1 : 0;
+  }
+  EXPECT_GT(with_room, 10U);
+  EXPECT_GT(only_others, 0U);
+}
+
 TEST(Approaches, NeedKnownFreeSpaceOrSayThatTheyDoNot) {
   const AccessibilityField field = wallField(OrientationSet::yaw());
   const Approaches none = approaches(field);
