@@ -266,6 +266,47 @@ TEST_F(MapOutputs, AccessMapSaysWhatStopsEachDirection) {
   EXPECT_FALSE(std::filesystem::exists(path("no.png")));
 }
 
+TEST_F(MapOutputs, ApproachesComeFromACheckpointWithItsMargins) {
+  const ProgramResult mapped = runProgram(mapArguments({"--margins", "0.05,0.1", "--checkpoint", path("state")}));
+  ASSERT_EQ(mapped.exit_code, 0) << mapped.err;
+  ASSERT_EQ(report().at("tools").size(), 3U);
+  EXPECT_EQ(report().at("tools")[2].at("margin_m"), 0.1);
+  EXPECT_NE(readText("out/points.ply").find("\nproperty float margin_m\nproperty float free_arc_deg\nend_header"),
+            std::string::npos);
+  const std::vector<std::string> arguments = mapArguments();
+  const std::string tool = *(std::find(arguments.begin(), arguments.end(), "--tool") + 1);
+  const auto approaches = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> all = {"approaches", "--map", path("state"), "--device", "cpu", "--tool", tool};
+    all.insert(all.end(), more.begin(), more.end());
+    return runProgram(all);
+  };
+  const ProgramResult found =
+      approaches({"--margins", "0.05,0.1", "--allow-unknown", "--most", "3", "--json", "--out", path("ways")});
+  ASSERT_EQ(found.exit_code, 0) << found.err;
+  const json targets = json::parse(found.out).at("targets");
+  ASSERT_GT(targets.size(), 0U);
+  ASSERT_LE(targets.size(), 3U);
+  for (const json& target : targets) EXPECT_GE(target.at("approaches").size(), 1U);
+  EXPECT_EQ(listing("ways"), (std::vector<std::string>{"approaches.csv", "approaches.json", "approaches.ply"}));
+  EXPECT_EQ(readText("ways/approaches.json"), found.out);
+  // Written again over our own, and never over what is not.
+  EXPECT_EQ(approaches({"--margins", "0.05,0.1", "--allow-unknown", "--out", path("ways")}).exit_code, 0);
+  writeText("ways/approaches.csv", "of the user\n");
+  const auto expectRefused = [&](const std::vector<std::string>& more, int code, const std::string& id) {
+    const ProgramResult result = approaches(more);
+    EXPECT_EQ(result.exit_code, code) << result.err;
+    EXPECT_NE(result.err.find("error[" + id + "]"), std::string::npos) << result.err;
+  };
+  expectRefused({"--margins", "0.05,0.1", "--allow-unknown", "--out", path("ways")}, 7, "output.foreign");
+  EXPECT_EQ(readText("ways/approaches.csv"), "of the user\n");
+  expectRefused({}, 4, "state.tool");
+  expectRefused({"--margins", "0.05,0.1", "--most", "-1"}, 2, "usage.number");
+  expectRefused({"--margins", "0.05,0.1", "--spacing", "0.001"}, 2, "approaches.options");
+  expectRefused({"--margins", "0.05,0.1", "--within", "2"}, 2, "approaches.options");
+  expectRefused({"--margins", "0.05,x"}, 2, "usage.margins");
+  expectRefused({"--margins", "0.05,9"}, 2, "tool.margin");
+}
+
 TEST_F(MapOutputs, ReportHasTheDocumentedSchema) {
   const ProgramResult result = runProgram(mapArguments());
   ASSERT_EQ(result.exit_code, 0) << result.err;
