@@ -348,7 +348,8 @@ AccessibilityField internal::FieldAccess::load(StateReader& state, const std::ve
     throw UnusableInput("state.tool", state.file().string(),
                         state.head().tools.empty() && tools.size() == 1 ? "is the state of a field for another tool"
                                                                         : "is the state of a field for other tools",
-                        "Use the tools that it was made with, in the same pose and order, or start again");
+                        "Use the tools that it was made with, in the same pose and order and with the same margins, "
+                        "or start again");
   }
   FieldParams params = state.head().params;
   params.backend = backend;

@@ -357,7 +357,7 @@ ToolGeometry ToolGeometry::grownBy(double margin_m) const {
   if (!(margin_m >= 0 && margin_m <= size_m)) {
     throw InvalidArgument("tool.margin", number(margin_m) + " m",
                           "is not a margin of " + name_ + ", which is " + number(size_m) + " m large",
-                          "Use 0 to " + number(size_m) + " m");
+                          "Use a voxel or more, up to " + number(size_m) + " m");
   }
   ToolGeometry grown = *this;
   grown.margin_m_ = margin_m;

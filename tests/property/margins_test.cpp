@@ -129,6 +129,7 @@ TEST(Margins, AreRefusedInWords) {
   };
   EXPECT_EQ(refused({0.02, -0.01}), "tool.margin");
   EXPECT_EQ(refused({std::nan("")}), "tool.margin");
+  EXPECT_EQ(refused({0.02, 0.0200001}), "tool.margin") << "no two names";
   EXPECT_EQ(refused({0.3}), "tool.margin") << "larger than the tool";
   std::vector<double> many;
   for (int n = 1; n <= 64; ++n) many.push_back(0.001 * n);

@@ -96,6 +96,11 @@ std::vector<ToolSpec> withMargins(std::vector<ToolSpec> tools, std::vector<doubl
   tools = namedTools(std::move(tools));
   std::sort(margins_m.begin(), margins_m.end());
   margins_m.erase(std::unique(margins_m.begin(), margins_m.end()), margins_m.end());
+  for (std::size_t n = 1; n < margins_m.size(); ++n) {  // their tools would have one name
+    if (marginEnding(margins_m[n]) != marginEnding(margins_m[n - 1])) continue;
+    throw InvalidArgument("tool.margin", exactText(margins_m[n]) + " m", "is hardly another margin than the one before",
+                          "Leave one out: they are told apart by thousandths of a millimetre");
+  }
   std::vector<ToolSpec> all;
   for (const ToolSpec& spec : tools) {
     all.push_back(spec);
