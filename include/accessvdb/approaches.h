@@ -50,7 +50,9 @@ struct ApproachPath {
   // With the room that the target's margin says:
   std::uint16_t collisions = 0;  ///< in contact, below the field's limit
   float free_arc_deg = -1;       ///< as AccessibilityField::freeArcs_deg(), around this direction
-  double seen_free_m = 0;        ///< how far back from contact the way was seen free, up to twice the stand-off
+  /// How far back from contact the way was seen free, up to twice the stand-off; with ApproachOptions::allow_unknown,
+  /// how far nothing is known to be in it.
+  double seen_free_m = 0;
 };
 
 struct ApproachTarget {

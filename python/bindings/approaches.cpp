@@ -35,7 +35,7 @@ DistanceGrid gridOf(LockedField& field, const py::object& low_W, const py::objec
 }
 
 py::array_t<float> arcsOf(LockedField& field, const std::vector<std::uint32_t>& ids, const py::object& tool) {
-  const std::size_t k = wholeFrom("tool", tool);
+  const std::size_t k = toolFrom(tool);
   const std::vector<float> arcs_deg = field.run([&](AccessibilityField& f) { return f.freeArcs_deg(ids, k); });
   return py::array_t<float>(static_cast<py::ssize_t>(arcs_deg.size()), arcs_deg.data());
 }

@@ -16,6 +16,13 @@
 namespace py = pybind11;
 
 namespace accessvdb::python {
+
+std::size_t toolFrom(const py::object& tool) {
+  const double number = numberFrom("tool", tool);
+  if (!(number >= 0 && number < 1e6) || number != std::floor(number))
+    throw InvalidArgument("tool.index", "tool", "is not a tool of the field");
+  return static_cast<std::size_t>(number);
+}
 namespace {
 
 struct PointAnswers {
@@ -55,13 +62,6 @@ std::vector<Eigen::Isometry3d> posesFrom(const char* name, const py::object& T_W
                         "The position is there in a transposed matrix");
   }
   return poses;
-}
-
-std::size_t toolFrom(const py::object& tool) {
-  const double number = numberFrom("tool", tool);
-  if (!(number >= 0 && number < 1e6) || number != std::floor(number))
-    throw InvalidArgument("tool.index", "tool", "is not a tool of the field");
-  return static_cast<std::size_t>(number);
 }
 
 std::shared_ptr<FitAnswers> fits(LockedField& field, const py::object& T_WT, const py::object& tool, bool contact) {

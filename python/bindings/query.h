@@ -9,6 +9,8 @@
 
 namespace accessvdb::python {
 
+/// Number of a tool. @throws InvalidArgument "tool.index"
+std::size_t toolFrom(const pybind11::object& tool);
 /// distance_grid(), free_arcs_deg() and approaches().
 void bindApproaches(pybind11::class_<LockedField>& field);
 /// query(), query_along(), fits() and fits_along().

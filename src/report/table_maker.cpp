@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "accessvdb/output_check.h"
+#include "io/streams/exact_text.h"
 #include "report/field_folder.h"
 #include "report/surface_area.h"
 
@@ -39,12 +40,6 @@ void addPoint(const SurfacePoint& point, std::uint64_t steps, std::size_t tools,
     ++row.tools[k].points;
     row.tools[k].area.steps += steps;
   }
-}
-
-/// Shortest text that reads back as the same number.
-std::string numberText(double value) {
-  std::array<char, 40> text;
-  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
 }
 
 std::string fixedText(double value, int decimals) {
@@ -183,8 +178,8 @@ std::string csvOf(const PointTable& table) {
     const auto scored = static_cast<double>(row.scored);
     put(row.scored > 0 ? internal::fixedText(static_cast<double>(row.score_sum) / scored, 3) : "");
     const bool empty = row.box_W.isEmpty();
-    for (int n = 0; n < 3; ++n) put(empty ? "" : internal::numberText(row.box_W.min()[n]));
-    for (int n = 0; n < 3; ++n) put(empty ? "" : internal::numberText(row.box_W.max()[n]));
+    for (int n = 0; n < 3; ++n) put(empty ? "" : internal::exactText(row.box_W.min()[n]));
+    for (int n = 0; n < 3; ++n) put(empty ? "" : internal::exactText(row.box_W.max()[n]));
     const Eigen::Vector3d size_m = empty ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(row.box_W.sizes());
     put(internal::fixedText(size_m.z(), 3));
     put(internal::fixedText(size_m.head<2>().maxCoeff(), 3));

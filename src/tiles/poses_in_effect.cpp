@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Pose files that plans keep in their folders, once poses were corrected.
 #include <algorithm>
-#include <charconv>
 #include <ostream>
 #include <set>
 
 #include "accessvdb/field_io.h"
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/tiles.h"
+#include "io/streams/exact_text.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -16,12 +16,6 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string nameOf(int number) { return "poses-" + std::to_string(number) + ".txt"; }
-
-/// All digits: what is read back has the same bits.
-std::string allDigits(double value) {
-  char text[32];
-  return {text, std::to_chars(text, text + sizeof text, value).ptr};
-}
 
 /// Whether a pose file can name this one in a column.
 bool isOneWord(const std::string& file) {
@@ -56,9 +50,9 @@ std::string writePosesInEffect(const fs::path& out, std::vector<ScanPose> poses)
     stream << "m00 m01 m02 m03 m10 m11 m12 m13 m20 m21 m22 m23\n";
     for (const ScanPose& pose : poses) {
       if (named) stream << pose.file << " ";
-      if (timed) stream << allDigits(*pose.stamp_s) << " ";
+      if (timed) stream << internal::exactText(*pose.stamp_s) << " ";
       for (Eigen::Index n = 0; n < 12; ++n) {
-        stream << allDigits(pose.T_W_S(n / 4, n % 4)) << (n < 11 ? " " : "\n");
+        stream << internal::exactText(pose.T_W_S(n / 4, n % 4)) << (n < 11 ? " " : "\n");
       }
     }
   });

@@ -29,6 +29,17 @@ LeafChange factsWithLeftOut(const PackedMap& map, const PackedLeaf& leaf) {
   return facts;
 }
 
+std::optional<LeafChange> factsAt(const PackedMap& map, ConstPackedAccessor& accessor,
+                                  const openvdb::Coord& origin_ijk) {
+  if (const PackedLeaf* leaf = accessor.probeConstLeaf(origin_ijk)) return factsWithLeftOut(map, *leaf);
+  const LeafBits* left_out = map.leftOut().find(origin_ijk);
+  if (left_out == nullptr) return std::nullopt;
+  LeafChange facts = {};
+  facts.origin_ijk = {origin_ijk.x(), origin_ijk.y(), origin_ijk.z()};
+  facts.collides_on = *left_out;
+  return facts;
+}
+
 LeafBits observedIn(const PackedLeaf& leaf) {
   LeafBits observed = {};
   LeafValues::Room room;

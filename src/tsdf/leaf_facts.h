@@ -3,6 +3,8 @@
 /// The two facts that scoring reads, of a whole leaf: for a mirror that has to be made from an existing map.
 #pragma once
 
+#include <optional>
+
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
 #include "tsdf/packed_map.h"
@@ -13,6 +15,11 @@ namespace accessvdb::internal {
 [[nodiscard]] LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf);
 /// The same, with what was left out in it (LeftOutVoxels).
 [[nodiscard]] LeafChange factsWithLeftOut(const PackedMap& map, const PackedLeaf& leaf);
+
+/// Those of a place where there may be no leaf, but something left out; nothing where there is neither.
+/// @param accessor  of the map's tree
+[[nodiscard]] std::optional<LeafChange> factsAt(const PackedMap& map, ConstPackedAccessor& accessor,
+                                                const openvdb::Coord& origin_ijk);
 
 /// Of all voxels of a leaf, those that were observed.
 [[nodiscard]] LeafBits observedIn(const PackedLeaf& leaf);

@@ -174,7 +174,7 @@ std::vector<std::uint16_t> deepestFirst(const AccessMap& map, const std::vector<
   return order;
 }
 
-std::string wordsOf(const Candidate& candidate, bool near) {
+std::string wordsOf(const Candidate& candidate, const ApproachOptions& options) {
   char text[160];
   std::string words;
   const auto add = [&](const char* format, double value) {
@@ -184,8 +184,8 @@ std::string wordsOf(const Candidate& candidate, bool near) {
   if (candidate.point.margin_m >= 0) add("%.3g m of room", static_cast<double>(candidate.point.margin_m));
   if (candidate.free_arc_deg >= 0) add("turns by %.0f degrees", static_cast<double>(candidate.free_arc_deg));
   add("confidence %.2f", static_cast<double>(candidate.point.confidence));
-  if (near) add("%.2f m away", candidate.distance_m);
-  add("way of %.2f m seen free", candidate.free_m);
+  if (options.from_W) add("%.2f m away", candidate.distance_m);
+  add(options.allow_unknown ? "way of %.2f m without a known obstacle" : "way of %.2f m seen free", candidate.free_m);
   return words;
 }
 
@@ -233,13 +233,21 @@ class Search {
   void rank(std::vector<Candidate>& targets) const;
   void keepMost(std::vector<Candidate>& targets) const;
   void addWays(const std::vector<Candidate>& targets, const WayBack& way);
-  void addOtherWays(ApproachTarget& target, const AccessMap& map, const WayBack& way) const;
+  void addOtherWays(ApproachTarget& target, const AccessMap& map, const WayBack& way);
+  /// Made once: over a sphere it takes the square of the directions.
+  const internal::DirectionNeighbours& neighboursOf(std::size_t tool) {
+    const auto found = neighbours_.find(tool);
+    if (found != neighbours_.end()) return found->second;
+    const ApproachParams approach = internal::resolvedFor(field_.tools()[tool], field_.params()).approach;
+    return neighbours_.emplace(tool, internal::DirectionNeighbours(approach)).first->second;
+  }
 
   const AccessibilityField& field_;
   ApproachOptions options_;
   Approaches found_;
   std::vector<Candidate> all_;
-  std::map<std::uint32_t, std::size_t> covers_;  ///< by the target's point
+  std::map<std::size_t, internal::DirectionNeighbours> neighbours_;  ///< by tool
+  std::map<std::uint32_t, std::size_t> covers_;                      ///< by the target's point
 };
 
 void Search::collect() {
@@ -290,8 +298,7 @@ void Search::chooseDirections(std::span<const std::size_t> turn) {
   std::map<std::size_t, std::vector<std::size_t>> of_tools;
   for (const std::size_t n : turn) of_tools[all_[n].with_room].push_back(n);
   for (const auto& [tool, places] : of_tools) {
-    const internal::DirectionNeighbours neighbours(
-        internal::resolvedFor(field_.tools()[tool], field_.params()).approach);
+    const internal::DirectionNeighbours& neighbours = neighboursOf(tool);
     for (std::size_t begin = 0; begin < places.size(); begin += kTriedAtOnce) {
       std::vector<std::uint32_t> ids;
       const std::size_t end = std::min(begin + kTriedAtOnce, places.size());
@@ -412,7 +419,7 @@ void Search::addWays(const std::vector<Candidate>& targets, const WayBack& way) 
     target.distance_m = candidate.distance_m;
     target.covers = covers_[candidate.point.id];
     target.value = candidate.value;
-    target.why = wordsOf(candidate, options_.from_W.has_value());
+    target.why = wordsOf(candidate, options_);
     ApproachPath path =
         way.pathOf(contactPose(candidate.point.position_W, candidate.point.orientation_WT), candidate.free_m);
     path.direction = candidate.point.direction;
@@ -434,10 +441,9 @@ void Search::addWays(const std::vector<Candidate>& targets, const WayBack& way) 
   }
 }
 
-void Search::addOtherWays(ApproachTarget& target, const AccessMap& map, const WayBack& way) const {
+void Search::addOtherWays(ApproachTarget& target, const AccessMap& map, const WayBack& way) {
   const std::vector<bool> free = freeOf(map);
-  const internal::DirectionNeighbours neighbours(
-      internal::resolvedFor(field_.tools()[target.tool], field_.params()).approach);
+  const internal::DirectionNeighbours& neighbours = neighboursOf(target.tool);
   const std::vector<std::uint16_t> order = deepestFirst(map, internal::freeDepths(neighbours, free));
   std::vector<Eigen::Isometry3d> poses;
   for (const std::uint16_t d : order) poses.push_back(contactPose(target.position_W, map.directions[d].orientation_WT));

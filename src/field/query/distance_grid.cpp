@@ -53,13 +53,7 @@ void forEachFact(const internal::PackedMap& map, const GridBox& box, const Visit
     for (std::int32_t y = box.low[1] & ~7; y <= box.high[1]; y += 8) {
       for (std::int32_t z = box.low[2] & ~7; z <= box.high[2]; z += 8) {
         const openvdb::Coord origin(8 * slice, y, z);
-        if (const internal::PackedLeaf* leaf = accessor.probeConstLeaf(origin)) {
-          perLeaf(origin, internal::factsWithLeftOut(map, *leaf));
-        } else if (const LeafBits* left_out = map.leftOut().find(origin)) {
-          LeafChange facts = {};
-          facts.collides_on = *left_out;
-          perLeaf(origin, facts);
-        }
+        if (const auto facts = internal::factsAt(map, accessor, origin)) perLeaf(origin, *facts);
       }
     }
   });

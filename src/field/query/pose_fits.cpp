@@ -71,19 +71,11 @@ class CollidingLeaves {
 
   [[nodiscard]] const LeafChange& at(const openvdb::Coord& origin) {
     const auto [found, is_new] = leaves_.try_emplace({origin.x(), origin.y(), origin.z()});
-    if (is_new) found->second = factsAt(origin);
+    if (is_new) found->second = internal::factsAt(map_, accessor_, origin).value_or(LeafChange{});
     return found->second;
   }
 
  private:
-  [[nodiscard]] LeafChange factsAt(const openvdb::Coord& origin) {
-    if (const internal::PackedLeaf* leaf = accessor_.probeConstLeaf(origin))
-      return internal::factsWithLeftOut(map_, *leaf);
-    LeafChange facts = {};
-    if (const LeafBits* left_out = map_.leftOut().find(origin)) facts.collides_on = *left_out;
-    return facts;
-  }
-
   const internal::PackedMap& map_;
   internal::ConstPackedAccessor accessor_;
   std::map<std::array<std::int32_t, 3>, LeafChange> leaves_;

@@ -10,6 +10,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/tool_tables.h"
+#include "io/streams/exact_text.h"
 #include "io/streams/input_file.h"
 #include "io/streams/sha256.h"
 #include "tool/tool_rolls.h"
@@ -45,12 +46,6 @@ std::string nameFrom(const ToolGeometry& tool) {
   name.resize(std::min(name.size(), kLongestName));
   if (name.empty()) name = "tool";
   return tool.margin_m() > 0 ? withEnding(name, marginEnding(tool.margin_m())) : name;
-}
-
-/// Shortest text that reads back as the same number.
-std::string exactText(double value) {
-  char text[40];
-  return {text, std::to_chars(text, text + sizeof text, value).ptr};
 }
 
 void requireNames(const std::vector<ToolSpec>& tools) {
@@ -98,7 +93,8 @@ std::vector<ToolSpec> withMargins(std::vector<ToolSpec> tools, std::vector<doubl
   margins_m.erase(std::unique(margins_m.begin(), margins_m.end()), margins_m.end());
   for (std::size_t n = 1; n < margins_m.size(); ++n) {  // their tools would have one name
     if (marginEnding(margins_m[n]) != marginEnding(margins_m[n - 1])) continue;
-    throw InvalidArgument("tool.margin", exactText(margins_m[n]) + " m", "is hardly another margin than the one before",
+    throw InvalidArgument("tool.margin", internal::exactText(margins_m[n]) + " m",
+                          "is hardly another margin than the one before",
                           "Leave one out: they are told apart by thousandths of a millimetre");
   }
   std::vector<ToolSpec> all;
@@ -141,7 +137,7 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
   for (const ToolSpec& spec : tools) {
     const std::string prefix = std::string("tool_").append(spec.name).append("_");
     out += prefix + "sha256 " + spec.tool.sha256() + "\n";
-    if (spec.tool.margin_m() > 0) out += prefix + "margin_m " + exactText(spec.tool.margin_m()) + "\n";
+    if (spec.tool.margin_m() > 0) out += prefix + "margin_m " + internal::exactText(spec.tool.margin_m()) + "\n";
     grown = grown || spec.tool.margin_m() > 0;
     FieldParams of_tool = toolParams(spec, params);
     of_tool.approach.rolls = internal::toolRolls(spec.tool, of_tool.approach).count;
@@ -157,7 +153,7 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
   if (grown) {
     std::string margins_m;
     for (const ToolSpec& spec : tools)
-      margins_m.append(margins_m.empty() ? "" : ",").append(exactText(spec.tool.margin_m()));
+      margins_m.append(margins_m.empty() ? "" : ",").append(internal::exactText(spec.tool.margin_m()));
     out += "margins_m " + margins_m + "\n";
   }
   out += "tools " + names + "\n";

@@ -2,7 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// diff.ply and diff.vdb: what changed between two maps, for viewers.
 #include <bit>
-#include <charconv>
 #include <cstring>
 #include <ostream>
 
@@ -12,6 +11,7 @@
 #include "io/results/label_colours.h"
 #include "io/results/program_version.h"
 #include "io/results/surface_voxels.h"
+#include "io/streams/exact_text.h"
 
 namespace accessvdb::io {
 namespace {
@@ -47,11 +47,6 @@ char* putRecord(char* to, const ChangedPoint& changed) {
   to = put(to, code(is, changed.point.reason));
   for (int axis = 0; axis < 3; ++axis) to = put(to, changed.point.direction_W[axis]);
   return to;
-}
-
-std::string exactText(double value) {
-  std::array<char, 40> text;
-  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
 }
 
 /// The points of one kind of change, as the grids' maker wants them.
@@ -90,9 +85,9 @@ openvdb::GridBase::Ptr fogOf(const PointsDiff& diff, PointChange change, const o
 void writeDiffPly(const std::filesystem::path& path, const PointsDiff& diff) {
   writeFileDurably(path, [&](std::ostream& stream) {
     stream << "ply\nformat binary_little_endian 1.0\ncomment AccessVDB " << internal::programVersion() << " diff\n"
-           << "comment origin_W " << exactText(diff.origin_W.x()) << " " << exactText(diff.origin_W.y()) << " "
-           << exactText(diff.origin_W.z()) << "\ncomment voxel_size_m " << exactText(diff.voxel_size_m)
-           << "\ncomment change";
+           << "comment origin_W " << internal::exactText(diff.origin_W.x()) << " "
+           << internal::exactText(diff.origin_W.y()) << " " << internal::exactText(diff.origin_W.z())
+           << "\ncomment voxel_size_m " << internal::exactText(diff.voxel_size_m) << "\ncomment change";
     for (int n = 0; n < kNumPointChanges; ++n) stream << " " << n << "=" << name(static_cast<PointChange>(n));
     stream << "\nelement vertex " << std::to_string(diff.points.size()) << "\n";
     for (const char* axis : {"x", "y", "z"}) stream << "property double " << axis << "\n";

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <charconv>
 #include <cstring>
 #include <ostream>
 #include <vector>
@@ -16,18 +15,12 @@
 #include "accessvdb/surface_points.h"
 #include "io/results/label_colours.h"
 #include "io/results/program_version.h"
+#include "io/streams/exact_text.h"
 
 namespace accessvdb::io {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
-
-/// Shortest text that reads back as the same double, whatever the locale.
-std::string exactText(double value) {
-  std::array<char, 40> text;
-  const auto end = std::to_chars(text.data(), text.data() + text.size(), value).ptr;
-  return {text.data(), end};
-}
 
 /// A header comment is one line of printable text.
 std::string oneLine(std::string text) {
@@ -48,9 +41,9 @@ internal::PointsPlyColumns columnsOf(const FieldMetadata& metadata) {
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
   stream << "ply\nformat binary_little_endian 1.0\n";
   stream << "comment AccessVDB " << internal::programVersion() << "\n";
-  stream << "comment origin_W " << exactText(points.origin_W().x()) << " " << exactText(points.origin_W().y()) << " "
-         << exactText(points.origin_W().z()) << "\n";
-  stream << "comment voxel_size_m " << exactText(points.voxel_size_m()) << "\n";
+  stream << "comment origin_W " << internal::exactText(points.origin_W().x()) << " "
+         << internal::exactText(points.origin_W().y()) << " " << internal::exactText(points.origin_W().z()) << "\n";
+  stream << "comment voxel_size_m " << internal::exactText(points.voxel_size_m()) << "\n";
   for (const auto& [name, text] : metadata) {
     if (name.empty() || name == "origin_W" || name == "voxel_size_m") continue;
     stream << "comment " << oneLine(name) << " " << oneLine(text) << "\n";

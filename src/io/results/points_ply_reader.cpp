@@ -1,7 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Reads our own points.ply back. Every count is checked against the bytes present before memory is allocated.
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -13,6 +12,7 @@
 #include "accessvdb/tool_spec.h"
 #include "io/results/points_ply.h"
 #include "io/results/row_rules.h"
+#include "io/streams/exact_text.h"
 
 namespace accessvdb::io {
 namespace {
@@ -32,14 +32,6 @@ struct FieldPlyHeader {
 
   [[nodiscard]] std::size_t recordBytes() const { return columns.recordBytes(); }
 };
-
-template <typename Number>
-std::optional<Number> numberIn(const std::string& text) {
-  Number value = {};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
 
 std::vector<std::string> wordsOf(const std::string& line) {
   std::istringstream stream(line);
@@ -130,7 +122,7 @@ class PlyReader {
           header.metadata.emplace_back(words[1], line.substr(line.find(words[2], name + words[1].size())));
         }
       } else if (words.size() == 3 && words[0] == "element" && words[1] == "vertex" && !vertices) {
-        const auto count = numberIn<std::uint64_t>(words[2]);
+        const auto count = internal::numberIn<std::uint64_t>(words[2]);
         if (!count || *count >= INT32_MAX) fail("malformed", "has no usable number of vertices");
         header.count = *count;
         vertices = true;
@@ -185,9 +177,9 @@ class PlyReader {
   static void readComment(const std::vector<std::string>& words, FieldPlyHeader& header) {
     // Parameter names begin with their stage: "scoring.confidence_half_weight".
     const std::string name = words[1].substr(words[1].rfind('.') + 1);
-    const auto value = numberIn<double>(words[2]);
+    const auto value = internal::numberIn<double>(words[2]);
     if (words[1] == "origin_W" && words.size() == 5) {
-      const auto y = numberIn<double>(words[3]), z = numberIn<double>(words[4]);
+      const auto y = internal::numberIn<double>(words[3]), z = internal::numberIn<double>(words[4]);
       if (value && y && z) header.origin_W = Eigen::Vector3d(*value, *y, *z);
     } else if (words.size() != 3) {
       return;

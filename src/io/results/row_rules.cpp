@@ -3,10 +3,11 @@
 #include "io/results/row_rules.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <sstream>
 #include <string>
+
+#include "io/streams/exact_text.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -16,17 +17,10 @@ constexpr float kUnitTolerance = 1e-2f;
 /// Of a share that a float32 rounds up.
 constexpr float kShareTolerance = 1e-5f;
 
-std::optional<double> numberIn(const std::string& text) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
-
 std::optional<double> numberOf(const io::FieldMetadata& metadata, const std::string& key) {
   for (const auto& [name, text] : metadata) {
     if (name != key) continue;
-    if (const auto value = numberIn(text)) return value;
+    if (const auto value = numberIn<double>(text)) return value;
   }
   return std::nullopt;
 }
@@ -47,7 +41,7 @@ RowRules::RowRules(const PointsPlyColumns& columns, const io::FieldMetadata& met
   for (const auto& [key, text] : metadata) {
     std::istringstream names(text), margins(text);
     for (std::string margin_m; key == "margins_m" && std::getline(margins, margin_m, ',');)
-      margins_m_.push_back(static_cast<float>(numberIn(margin_m).value_or(-1)));
+      margins_m_.push_back(static_cast<float>(numberIn<double>(margin_m).value_or(-1)));
     for (std::string name; key == "tools" && std::getline(names, name, ',');) {
       collision_limits_.push_back(numberOf(metadata, std::string("tool_").append(name).append("_collision_limit")));
     }
