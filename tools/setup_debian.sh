@@ -5,6 +5,7 @@
 # nothing and needs neither network nor root.
 #   setup_debian.sh           the small set: what the library and the program need
 #   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
+#   setup_debian.sh --planning  also OMPL and OctoMap: accessvdb/ompl.h, its example, and export --octomap
 #   setup_debian.sh --python  also what the Python module needs
 #   setup_debian.sh --live    also Fast DDS, for the verb live
 #   setup_debian.sh --gis     also GDAL, for export --raster and --vector
@@ -33,6 +34,7 @@ packages=(
 gis=(libgdal-dev)
 live=(libfastrtps-dev libfastcdr-dev)
 lab=(libembree-dev libqhull-dev)
+planning=(libompl-dev liboctomap-dev)
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
 tests=(blender libgtest-dev libbenchmark-dev binutils bzip2 ccache mold clang-format cyclonedds-dev cyclonedds-tools
   dpkg-dev file gdal-bin libopenvdb-tools lz4
@@ -49,11 +51,12 @@ for argument in "$@"; do
     --live) packages+=("${live[@]}") ;;
     --gis) packages+=("${gis[@]}") ;;
     --lab) packages+=("${lab[@]}") ;;
+    --planning) packages+=("${planning[@]}") ;;
     --tests | --all)
       with_tests=true
-      packages+=(libpcl-dev "${python[@]}" "${live[@]}" "${gis[@]}" "${lab[@]}" "${tests[@]}")
+      packages+=(libpcl-dev "${python[@]}" "${live[@]}" "${gis[@]}" "${lab[@]}" "${planning[@]}" "${tests[@]}")
       ;;
-    *) fail "unknown option '$argument'. Use --pcl, --python, --live, --gis, --lab, --tests, --all, --list or nothing." ;;
+    *) fail "unknown option '$argument'. Use --pcl, --python, --live, --gis, --lab, --planning, --tests, --all, --list or nothing." ;;
   esac
 done
 mapfile -t packages < <(printf '%s\n' "${packages[@]}" | awk '!seen[$0]++')

@@ -45,6 +45,12 @@ struct FitOptions {
   bool contact = false;
 };
 
+/// How a way is meant.
+struct PathFitOptions {
+  std::size_t tool = 0;         ///< of the field's tools
+  bool unknown_blocks = false;  ///< unknown space ends the way, as a collision does
+};
+
 /// What the tool meets at a pose.
 struct FitAnswer {
   std::uint32_t collisions = 0;       ///< colliding voxels
@@ -67,8 +73,11 @@ struct FitAnswer {
 struct PathFitAnswer {
   /// Where it first collides: 1.25 is a quarter of the way from the second pose to the third. NaN if nowhere.
   double first_hit = std::numeric_limits<double>::quiet_NaN();
+  /// The last place that was tried before the first collision, or before what ends the way: 2 is the third pose. NaN if
+  /// that is the first pose.
+  double fits_until = std::numeric_limits<double>::quiet_NaN();
   bool collision = true;  ///< also if it is not valid
-  bool unknown = true;    ///< before the first collision
+  bool unknown = true;    ///< before the first collision, or where the way ends
   /// False: there are no poses, one is bad (FitAnswer::valid), or the way takes more than 2^20 tries.
   bool valid = false;
 
@@ -84,9 +93,10 @@ class ACCESSVDB_API PoseQuery {
             const FitOptions& options = {}) const;
   [[nodiscard]] std::vector<FitAnswer> fits(std::span<const Eigen::Isometry3d> T_WT,
                                             const FitOptions& options = {}) const;
-  /// @param T_WT  [n] poses on the way, at least one  @param tool  of the field's tools
+  /// @param T_WT  [n] poses on the way, at least one
   /// @throws as fits()
-  [[nodiscard]] PathFitAnswer fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std::size_t tool = 0) const;
+  [[nodiscard]] PathFitAnswer fitsAlong(std::span<const Eigen::Isometry3d> T_WT,
+                                        const PathFitOptions& options = {}) const;
 
   /// A tool for DeviceView::fits() in your own kernels; include device_view.h. In the field's memory, as its
   /// deviceView() or hostView(), and there as long as the field. @throws InvalidArgument "tool.index"; ResourceLimit

@@ -239,7 +239,7 @@ void fitEach(const FitRequest& request, const Rows& rows) {
   constexpr std::size_t kPosesPerTask = 16;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, request.count, kPosesPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n)
-      request.fits[n] = toolFit(request.map, request.tool, request.places[n], request.stop_at, rows);
+      request.fits[n] = toolFit(request.map, request.tool, request.places[n], request.enough, rows);
   });
 }
 

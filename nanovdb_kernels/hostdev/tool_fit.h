@@ -14,8 +14,8 @@
 
 namespace accessvdb::kernels {
 
-/// @see src/tool/tool_bitmap.h
-struct ToolBitmapView {
+/// Bits of nodes in the tool's frame.
+struct NodeBitmap {
   const std::uint64_t* words = nullptr;  ///< [size[0] x size[1] x words_z] bit z % 64 of word z / 64
   std::int32_t size[3] = {0, 0, 0};      ///< nodes
   std::int32_t words_z = 0;
@@ -28,6 +28,13 @@ struct ToolBitmapView {
     if (!(x >= 0 && y >= 0 && z >= 0) || i >= size[0] || j >= size[1] || k >= size[2]) return false;
     return (words[(i * size[1] + j) * static_cast<std::int64_t>(words_z) + (k >> 6)] >> (k & 63) & 1) != 0;
   }
+};
+
+/// @see src/tool/tool_bitmap.h
+struct ToolBitmapView : NodeBitmap {
+  /// Has the place of the centre of each block of 4^3 voxels of which any may be entered, and is coarser: most voxels
+  /// around a tool are decided by it.
+  NodeBitmap blocks;
 };
 
 /// Where a tool is, relative to the voxel of its tip, so that float32 is enough anywhere in the map.
@@ -87,7 +94,7 @@ inline constexpr float kSlackOfBox = 0.02f;  ///< exceeds the rounding error of 
 inline constexpr std::int64_t kMostLeaves = 1 << 20;
 
 /// A place in the tool's frame, in nodes from the bitmap's lower corner. @param x  [3] voxels from the anchor's centre
-ACCESSVDB_HOSTDEV inline void toNodes(const ToolPlace& place, const ToolBitmapView& tool, const float* x, float* y) {
+ACCESSVDB_HOSTDEV inline void toNodes(const ToolPlace& place, const NodeBitmap& tool, const float* x, float* y) {
   const float e[3] = {x[0] - place.tip[0], x[1] - place.tip[1], x[2] - place.tip[2]};
   for (int a = 0; a < 3; ++a) {
     const float* axis = place.turn + 3 * a;
@@ -127,6 +134,37 @@ ACCESSVDB_HOSTDEV inline std::int64_t leavesAround(const ToolPlace& place, const
   return leaves;
 }
 
+inline constexpr int kBlock = 4;  ///< voxels, along each edge of ToolBitmapView::blocks
+
+/// Which blocks of a leaf the tool may enter: bit 4 x + 2 y + z of the block's place. @param corner  [3] as
+/// toolVoxels()
+ACCESSVDB_HOSTDEV inline std::uint32_t blocksOf(const ToolPlace& place, const ToolBitmapView& tool,
+                                                const float* corner) {
+  const float middle[3] = {corner[0] + 1.5f, corner[1] + 1.5f, corner[2] + 1.5f};
+  float first[3];
+  toNodes(place, tool.blocks, middle, first);
+  std::uint32_t found = 0;
+  for (int block = 0; block < 8; ++block) {
+    float y[3];
+    for (int a = 0; a < 3; ++a) {
+      const float* axis = place.turn + 3 * a;
+      const float along = ((block & 4) != 0 ? axis[0] : 0.0f) + ((block & 2) != 0 ? axis[1] : 0.0f) +
+                          ((block & 1) != 0 ? axis[2] : 0.0f);
+      y[a] = first[a] + static_cast<float>(kBlock) * along * tool.blocks.nodes_per_voxel;
+    }
+    found |= (tool.blocks.has(y[0], y[1], y[2]) ? 1U : 0U) << block;
+  }
+  return found;
+}
+
+/// The voxels of those blocks in slice x of the leaf.
+ACCESSVDB_HOSTDEV inline std::uint64_t voxelsOf(std::uint32_t blocks, int x) {
+  const std::uint32_t of_slice = blocks >> (x < kBlock ? 0 : 4);
+  const std::uint64_t low = ((of_slice & 1) != 0 ? 0x0f0f0f0fu : 0u) | ((of_slice & 2) != 0 ? 0xf0f0f0f0u : 0u);
+  const std::uint64_t high = ((of_slice & 4) != 0 ? 0x0f0f0f0fu : 0u) | ((of_slice & 8) != 0 ? 0xf0f0f0f0u : 0u);
+  return low | high << 32;
+}
+
 /// Eight voxels above each other: bit z. @param y, step  [3] in nodes: the lowest, and from one to the next
 struct PlainRows {
   ACCESSVDB_HOSTDEV std::uint32_t operator()(const ToolBitmapView& tool, const float* y, const float* step) const {
@@ -156,13 +194,6 @@ ACCESSVDB_HOSTDEV std::uint64_t toolVoxels(const ToolPlace& place, const ToolBit
     if ((wanted >> (8 * row) & 0xff) == 0) continue;
     const float up = static_cast<float>(row);
     const float y[3] = {first[0] + up * across[0], first[1] + up * across[1], first[2] + up * across[2]};
-    bool reaches = true;
-    for (int a = 0; a < 3; ++a) {
-      const float last = y[a] + 7 * step[a], slack = kSlackOfBox * tool.nodes_per_voxel;
-      const float low = y[a] < last ? y[a] : last, high = y[a] < last ? last : y[a];
-      reaches = reaches && high >= -slack && low <= static_cast<float>(tool.size[a]) + slack;
-    }
-    if (!reaches) continue;
     found |= static_cast<std::uint64_t>(rows(tool, y, step)) << (8 * row);
   }
   return found & wanted;
@@ -170,11 +201,18 @@ ACCESSVDB_HOSTDEV std::uint64_t toolVoxels(const ToolPlace& place, const ToolBit
 
 }  // namespace tool_fit
 
-/// @param stop_at  collisions that suffice; those found are then a lower bound. 0: all are counted
+/// What suffices: the counts are then lower bounds. 0: all are counted.
+struct EnoughOfFit {
+  std::uint32_t collisions = 0, unknown = 0;
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool has(std::uint32_t collisions_found, std::uint32_t unknown_found) const {
+    return (collisions != 0 && collisions_found >= collisions) || (unknown != 0 && unknown_found >= unknown);
+  }
+};
+
 /// @param rows     tool_fit::PlainRows, or what gives the same faster
 template <typename Rows = tool_fit::PlainRows>
 ACCESSVDB_HOSTDEV ToolFit toolFit(const OccupancyView& map, const ToolBitmapView& tool, const ToolPlace& place,
-                                  std::uint32_t stop_at = 0, const Rows& rows = {}) {
+                                  const EnoughOfFit& enough = {}, const Rows& rows = {}) {
   ToolFit fit;
   std::int32_t first[3], last[3];
   const std::int64_t leaves = tool_fit::leavesAround(place, tool, first, last);
@@ -190,6 +228,8 @@ ACCESSVDB_HOSTDEV ToolFit toolFit(const OccupancyView& map, const ToolBitmapView
                                  static_cast<float>(origin[2] - place.anchor[2])};
         const float middle[3] = {corner[0] + 3.5f, corner[1] + 3.5f, corner[2] + 3.5f}, half[3] = {3.5f, 3.5f, 3.5f};
         if (!tool_fit::mayReach(place, tool, middle, half)) continue;
+        const std::uint32_t blocks = tool_fit::blocksOf(place, tool, corner);
+        if (blocks == 0) continue;
         const OccupancyLeaf* leaf = reader.leafAt(origin);
         const auto* collides =
             leaf == nullptr ? nullptr : reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues);
@@ -198,15 +238,13 @@ ACCESSVDB_HOSTDEV ToolFit toolFit(const OccupancyView& map, const ToolBitmapView
         for (int x = 0; x < 8; ++x) {
           const std::uint64_t hit = collides == nullptr ? 0 : collides[x];
           const std::uint64_t unknown = leaf == nullptr ? ~std::uint64_t{0} : ~(free[x] | hit);
-          if ((hit | unknown) == 0) continue;
-          const float slice[3] = {corner[0] + static_cast<float>(x), middle[1], middle[2]};
-          const float half_slice[3] = {0, 3.5f, 3.5f};
-          if (!tool_fit::mayReach(place, tool, slice, half_slice)) continue;
-          const float low[3] = {slice[0], corner[1], corner[2]};
-          const std::uint64_t found = tool_fit::toolVoxels(place, tool, low, hit | unknown, rows);
+          const std::uint64_t wanted = (hit | unknown) & tool_fit::voxelsOf(blocks, x);
+          if (wanted == 0) continue;
+          const float low[3] = {corner[0] + static_cast<float>(x), corner[1], corner[2]};
+          const std::uint64_t found = tool_fit::toolVoxels(place, tool, low, wanted, rows);
           fit.collisions += tool_fit::countOf(found & hit);
           fit.unknown += tool_fit::countOf(found & unknown);
-          if (stop_at != 0 && fit.collisions >= stop_at) return fit;
+          if (enough.has(fit.collisions, fit.unknown)) return fit;
         }
       }
     }

@@ -16,7 +16,7 @@ struct FitRequest {
   const ToolPlace* places;  ///< [count] host memory
   ToolFit* fits;            ///< [count] host memory, out
   std::size_t count;
-  std::uint32_t stop_at = 0;  ///< as for toolFit()
+  EnoughOfFit enough = {};
 };
 
 }  // namespace accessvdb::kernels

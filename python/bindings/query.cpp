@@ -74,10 +74,10 @@ std::shared_ptr<FitAnswers> fits(LockedField& field, const py::object& T_WT, con
   });
 }
 
-PathFitAnswer fitsAlong(LockedField& field, const py::object& T_WT, const py::object& tool) {
+PathFitAnswer fitsAlong(LockedField& field, const py::object& T_WT, const py::object& tool, bool unknown_blocks) {
   const std::vector<Eigen::Isometry3d> poses = posesFrom("T_WT", T_WT);
-  const std::size_t k = toolFrom(tool);
-  return field.run([&](AccessibilityField& f) { return f.poseQuery().fitsAlong(poses, k); });
+  const PathFitOptions options = {.tool = toolFrom(tool), .unknown_blocks = unknown_blocks};
+  return field.run([&](AccessibilityField& f) { return f.poseQuery().fitsAlong(poses, options); });
 }
 
 std::vector<Column> pointColumns() {
@@ -185,6 +185,8 @@ void bindAnswers(py::module_& module) {
       .def_readonly(
           "first_hit", &PathFitAnswer::first_hit,
           "Where it first collides: 1.25 is a quarter of the way from the second pose to the third; else NaN.")
+      .def_readonly("fits_until", &PathFitAnswer::fits_until,
+                    "The last place that was tried before what ends the way; NaN if that is the first pose.")
       .def_readonly("collision", &PathFitAnswer::collision)
       .def_readonly("unknown", &PathFitAnswer::unknown)
       .def_readonly("valid", &PathFitAnswer::valid)
@@ -202,7 +204,10 @@ void bindQueries(py::class_<LockedField>& field) {
            "Whether a tool of the field fits at (N, 4, 4) poses, world from tool. contact: its tip touches a surface "
            "point, as where the field scores it.")
       .def("fits_along", &fitsAlong, py::arg("T_WT"), py::kw_only(), py::arg("tool") = 0,
-           "The same on the way from each of (N, 4, 4) poses to the next.");
+           py::arg("unknown_blocks") = false,
+           "The same on the way from each of (N, 4, 4) poses to the next. unknown_blocks: unknown space ends the way, "
+           "as "
+           "a collision does.");
 }
 
 }  // namespace accessvdb::python

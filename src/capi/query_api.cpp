@@ -141,7 +141,7 @@ int accessvdb_field_fits_along(accessvdb_field* field, const double* T_WT, std::
   return capi::onField(field, [&] {
     capi::requirePointer("fit", fit);
     const capi::OptionalOut<accessvdb_path_fit, kPathFitBytes1> out("fit", fit);
-    const accessvdb::PathFitAnswer answer = field->field.poseQuery().fitsAlong(posesFrom(T_WT, count), tool);
+    const accessvdb::PathFitAnswer answer = field->field.poseQuery().fitsAlong(posesFrom(T_WT, count), {.tool = tool});
     accessvdb_path_fit c = {};
     c.collision = answer.collision;
     c.unknown = answer.unknown;

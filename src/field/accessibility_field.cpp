@@ -364,6 +364,11 @@ const internal::PointStore& internal::FieldAccess::points(const AccessibilityFie
   return field.impl_->points;
 }
 
+const internal::PackedMap& internal::FieldAccess::map(const AccessibilityField& field) {
+  field.impl_->steps.settle();
+  return field.impl_->map;
+}
+
 internal::VoxelSet internal::FieldAccess::voxelsOf(const AccessibilityField& field, const Region& region) {
   requireRegions(*field.impl_);
   field.impl_->steps.requireWhole();

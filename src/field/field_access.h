@@ -20,6 +20,7 @@
 
 namespace accessvdb::internal {
 
+class PackedMap;
 class PointStore;
 class SharedTables;
 class StateReader;
@@ -74,6 +75,7 @@ struct FieldAccess {
                                                BackendKind backend, int threads, const TableProgress& progress = {},
                                                SharedTables* tables = nullptr);
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
+  [[nodiscard]] static const PackedMap& map(const AccessibilityField& field);
   [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
   /// In place of what memoryUse() says of mirrors and points in the backend's memory: all that this field holds there,
   /// and on the host for it. Nothing on the CPU.

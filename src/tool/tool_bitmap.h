@@ -18,13 +18,21 @@ struct ToolBitmap {
   /// @throws ResourceLimit "tool.span"  for a tool that is too large for its voxels
   ToolBitmap(const ToolGeometry& tool, double voxel_size_m);
 
-  [[nodiscard]] kernels::ToolBitmapView view() const;
+  /// @param of_words  `words`, or a copy in any memory
+  [[nodiscard]] kernels::ToolBitmapView view(const std::uint64_t* of_words) const;
   [[nodiscard]] std::uint64_t bytes() const { return words.size() * sizeof words[0]; }
 
+  /// Bits and where they are, without their memory.
+  struct Level {
+    std::array<double, 3> low = {};         ///< the first node's lower corner, in nodes from the tip
+    std::array<std::int32_t, 3> size = {};  ///< nodes
+    std::int32_t words_z = 0;
+    double nodes_per_voxel = 1;
+    std::size_t first_word = 0;
+  };
+
   std::vector<std::uint64_t> words;
-  std::array<std::int32_t, 3> low = {}, size = {};  ///< nodes
-  std::int32_t words_z = 0;
-  int nodes_per_voxel = 4;
+  Level voxels, blocks;
 };
 
 }  // namespace accessvdb::internal

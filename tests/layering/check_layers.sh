@@ -11,13 +11,15 @@ root=${1:-$(dirname "${BASH_SOURCE[0]}")/../..}
 cd "$root"
 
 # layer: what its files may include (besides its own files). `grids` is the public header that returns OpenVDB grids;
-# `pcl-header` is accessvdb/pcl.h, the one exception: a public header that includes another package, for its users.
+# `pcl-header` is accessvdb/pcl.h, and `ompl-header` accessvdb/ompl.h: the two exceptions, public headers that include
+# another package, for its users.
 # `constants`: headers without code that a device could lack. tools/lab has three layers, sim, eval and lab (its cli).
 allowed_includes() {
   cat <<'TABLE'
 api      std eigen
 grids    std eigen api openvdb
 pcl-header std eigen api pcl
+ompl-header std eigen api ompl
 hostdev  constants label
 launch   std api hostdev
 cpu      std posix simd api hostdev launch tbb
@@ -44,11 +46,11 @@ report   std api eigen tool io zlib openssl json
 capi     std api eigen
 dds      std api eigen bags io fastdds
 gis      std posix api eigen gdal
-tools    std posix api grids eigen cli toml json dds gis
+tools    std posix api grids eigen cli toml json dds gis octomap
 sim      std api grids eigen tbb field io embree
-eval     std api grids eigen tbb field sim io embree qhull png json picture
+eval     std api grids eigen tbb field sim io embree qhull png json picture ompl ompl-header
 lab      std posix api grids eigen json tools sim eval
-examples std posix api grids eigen cli cudart pcl pcl-header
+examples std posix api grids eigen cli cudart pcl pcl-header ompl ompl-header
 python   std api eigen pybind
 TABLE
 }
@@ -75,6 +77,7 @@ check_includes() {
       split(path, part, "/")
       if (path ~ /^include\/accessvdb\/tsdf_volume\.h$/) return "grids"
       if (path ~ /^include\/accessvdb\/pcl\.h$/) return "pcl-header"
+      if (path ~ /^include\/accessvdb\/ompl\.h$/) return "ompl-header"
       if (path ~ /^include\/accessvdb\//) return "api"
       if (path ~ /^nanovdb_kernels\/cuda\/[a-z]+\//) return "cuda-" part[3]
       if (part[1] == "nanovdb_kernels" || part[1] == "src") return part[2]
@@ -86,6 +89,7 @@ check_includes() {
       if (name ~ /(^|\/)\.\.\//) return "parent-folder"
       if (name == "accessvdb/tsdf_volume.h") return "grids"
       if (name == "accessvdb/pcl.h") return "pcl-header"
+      if (name == "accessvdb/ompl.h") return "ompl-header"
       if (name == "accessvdb/point_label.h" && layerOf(path) == "hostdev") return "label"
       if (first == "accessvdb") return "api"
       if (first in third) return third[first]
@@ -105,7 +109,7 @@ check_includes() {
       return "unlisted"
     }
     BEGIN {
-      n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
+      n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl ompl:ompl octomap:octomap lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
                 "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
                 "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json " \
                 "bzlib.h:bzip2 lz4frame.h:lz4 sqlite3.h:sqlite zlib.h:zlib zstd.h:zstd fastdds:fastdds fastrtps:fastdds gdal.h:gdal ogr_api.h:gdal ogr_srs_api.h:gdal", pairs, " ")

@@ -63,6 +63,7 @@ for type in 'struct Map {' 'class Map final : public Base {' 'enum class Map { A
   expect type-name src/report/bad.cpp "$type"
 done
 expect layer include/accessvdb/bad.h '#include "accessvdb/pcl.h"'
+expect layer include/accessvdb/bad.h '#include "accessvdb/ompl.h"'
 for file in include/accessvdb/bad.h nanovdb_kernels/launch/bad.h src/io/bad.cpp; do
   expect flag "$file" 'f("Use " + g(1), "or --voxel 0.1");'
 done

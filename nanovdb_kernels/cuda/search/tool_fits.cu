@@ -10,38 +10,42 @@ namespace {
 
 constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 
-/// The voxels of a leaf that the tool may enter, two slices of 16 voxels per lane at a time: the bits of toolVoxels().
-__device__ void fitLeaf(const FitRequest& request, const ToolPlace& place, const OccupancyLeaf* leaf,
-                        const float* corner, ToolFit& fit) {
+/// The voxels of some blocks of a leaf that the tool may enter, two per lane: the bits of toolVoxels().
+__device__ void fitBlocks(const FitRequest& request, const ToolPlace& place, const OccupancyLeaf* leaf,
+                          const float* corner, std::uint32_t blocks, ToolFit& fit) {
   const unsigned lane = threadIdx.x % kWarp;
   const ToolBitmapView& tool = request.tool;
   const auto* collides = leaf == nullptr ? nullptr : reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues);
   const auto* free = leaf == nullptr ? nullptr : reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValueMask);
 #pragma unroll 1
-  for (int strip = 0; strip < 16; ++strip) {
-    const int x = strip / 2, row = strip % 2 * 4 + static_cast<int>(lane / 8), z = static_cast<int>(lane % 8);
-    const std::uint64_t hit = leaf == nullptr ? 0 : collides[x];
-    const std::uint64_t unknown = leaf == nullptr ? ~std::uint64_t{0} : ~(free[x] | hit);
-    if ((strip % 2 == 0 ? (hit | unknown) & 0xffffffffu : (hit | unknown) >> 32) == 0) continue;
+  for (; blocks != 0; blocks &= blocks - 1) {
+    const int block = __ffs(static_cast<int>(blocks)) - 1;
+    const int row = (block & 2) * 2 + static_cast<int>(lane / 4 % 4), z = (block & 1) * 4 + static_cast<int>(lane % 4);
     const int bit = 8 * row + z;
-    const bool collides_here = (hit >> bit & 1) != 0, unknown_here = (unknown >> bit & 1) != 0;
-    if (!collides_here && !unknown_here) continue;
-    const float slice[3] = {corner[0] + static_cast<float>(x), corner[1], corner[2]};
-    float y[3];
-    tool_fit::toNodes(place, tool, slice, y);
-    const float over = static_cast<float>(row), up = static_cast<float>(z);
-    for (int a = 0; a < 3; ++a) {
-      const float across = place.turn[3 * a + 1] * tool.nodes_per_voxel,
-                  step = place.turn[3 * a + 2] * tool.nodes_per_voxel;
-      y[a] = y[a] + over * across + up * step;
+#pragma unroll
+    for (int half = 0; half < 2; ++half) {
+      const int x = (block & 4) + 2 * half + static_cast<int>(lane / 16);
+      const std::uint64_t hit = leaf == nullptr ? 0 : collides[x];
+      const bool collides_here = (hit >> bit & 1) != 0;
+      const bool unknown_here = leaf == nullptr || (!collides_here && (free[x] >> bit & 1) == 0);
+      if (!collides_here && !unknown_here) continue;
+      const float slice[3] = {corner[0] + static_cast<float>(x), corner[1], corner[2]};
+      float y[3];
+      tool_fit::toNodes(place, tool, slice, y);
+      const float over = static_cast<float>(row), up = static_cast<float>(z);
+      for (int a = 0; a < 3; ++a) {
+        const float across = place.turn[3 * a + 1] * tool.nodes_per_voxel,
+                    step = place.turn[3 * a + 2] * tool.nodes_per_voxel;
+        y[a] = y[a] + over * across + up * step;
+      }
+      if (!tool.has(y[0], y[1], y[2])) continue;
+      fit.collisions += collides_here ? 1 : 0;
+      fit.unknown += unknown_here ? 1 : 0;
     }
-    if (!tool.has(y[0], y[1], y[2])) continue;
-    fit.collisions += collides_here ? 1 : 0;
-    fit.unknown += unknown_here ? 1 : 0;
   }
 }
 
-/// A pose per warp. Each lane looks whether the tool may reach a leaf; then all of them look at each of these.
+/// A pose per warp. Each lane looks which blocks of a leaf the tool may reach; then all of them look at each of these.
 __global__ void __launch_bounds__(kThreads) fitTools(const __grid_constant__ FitRequest request) {
   const std::size_t n = std::size_t{blockIdx.x} * kWarps + threadIdx.x / kWarp;
   if (n >= request.count) return;
@@ -61,19 +65,23 @@ __global__ void __launch_bounds__(kThreads) fitTools(const __grid_constant__ Fit
     float corner[3];
     for (int axis = 0; axis < 3; ++axis) corner[axis] = static_cast<float>(leaf_ijk[axis] * 8 - place.anchor[axis]);
     const float middle[3] = {corner[0] + 3.5f, corner[1] + 3.5f, corner[2] + 3.5f}, half[3] = {3.5f, 3.5f, 3.5f};
-    const bool reaches = own < leaves && tool_fit::mayReach(place, request.tool, middle, half);
+    std::uint32_t blocks = 0;
+    if (own < leaves && tool_fit::mayReach(place, request.tool, middle, half))
+      blocks = tool_fit::blocksOf(place, request.tool, corner);
     const OccupancyLeaf* leaf =
-        reaches ? root.probeLeaf(Coord(leaf_ijk[0] * 8, leaf_ijk[1] * 8, leaf_ijk[2] * 8)) : nullptr;
-    for (unsigned left = __ballot_sync(kAllLanes, reaches); left != 0; left &= left - 1) {
+        blocks != 0 ? root.probeLeaf(Coord(leaf_ijk[0] * 8, leaf_ijk[1] * 8, leaf_ijk[2] * 8)) : nullptr;
+    for (unsigned left = __ballot_sync(kAllLanes, blocks != 0); left != 0; left &= left - 1) {
       const int from = __ffs(static_cast<int>(left)) - 1;
       const auto of = reinterpret_cast<const OccupancyLeaf*>(
           __shfl_sync(kAllLanes, reinterpret_cast<unsigned long long>(leaf), from));
       const float at[3] = {__shfl_sync(kAllLanes, corner[0], from), __shfl_sync(kAllLanes, corner[1], from),
                            __shfl_sync(kAllLanes, corner[2], from)};
-      fitLeaf(request, place, of, at, fit);
+      fitBlocks(request, place, of, at, __shfl_sync(kAllLanes, blocks, from), fit);
       __syncwarp();
     }
-    if (request.stop_at != 0 && __reduce_add_sync(kAllLanes, fit.collisions) >= request.stop_at) break;
+    if ((request.enough.collisions | request.enough.unknown) != 0 &&
+        request.enough.has(__reduce_add_sync(kAllLanes, fit.collisions), __reduce_add_sync(kAllLanes, fit.unknown)))
+      break;
   }
   fit.collisions = __reduce_add_sync(kAllLanes, fit.collisions);
   fit.unknown = __reduce_add_sync(kAllLanes, fit.unknown);

@@ -36,9 +36,7 @@ kernels::ToolBitmapView FittedTool::bitmap(kernels::Backend& backend, double vox
     d_words_.upload(made->words.data(), made->words.size());
     bitmap_ = std::move(made);
   }
-  kernels::ToolBitmapView view = bitmap_->view();
-  view.words = d_words_.data();
-  return view;
+  return bitmap_->view(d_words_.data());
 }
 
 Eigen::Matrix3d FittedTool::ownOrientation(const Eigen::Matrix3d& R_WT) {
@@ -144,14 +142,15 @@ struct ACCESSVDB_PRIVATE PoseQuery::Impl {
     return place;
   }
   /// @param T_WT  all valid
-  std::vector<ToolFit> fitAll(std::span<const ToolPlace> places, std::size_t k, std::uint32_t stop_at) const {
+  std::vector<ToolFit> fitAll(std::span<const ToolPlace> places, std::size_t k,
+                              const kernels::EnoughOfFit& enough = {}) const {
     std::vector<ToolFit> answers(places.size());
     std::unique_lock lock(fits->mutex_);
     const kernels::ToolBitmapView bitmap = tool(k).bitmap(*field.backend, field.map->params().voxel_size_m);
     if (field.backend->hasHostMemory()) lock.unlock();  // a GPU has one stream
     field.backend->waitForMirror();
     field.arena->execute([&] {
-      field.backend->fitTool({field.mirror, bitmap, places.data(), answers.data(), places.size(), stop_at});
+      field.backend->fitTool({field.mirror, bitmap, places.data(), answers.data(), places.size(), enough});
     });
     return answers;
   }
@@ -192,7 +191,7 @@ void PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, std::span<FitAnswe
       part[n] = {};
       places[n] = impl_->placeOf(T_WT[first + n], part[n].valid);
     });
-    const std::vector<ToolFit> found = impl_->fitAll(places, options.tool, 0);
+    const std::vector<ToolFit> found = impl_->fitAll(places, options.tool);
     forEach([&](std::size_t n) {
       if (!part[n].valid) return;
       part[n].valid = found[n].valid;
@@ -215,11 +214,11 @@ kernels::ToolBitmapView PoseQuery::toolView(std::size_t tool) const {
   return fitted.bitmap(*impl_->field.backend, impl_->field.map->params().voxel_size_m);
 }
 
-PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std::size_t tool) const {
+PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, const PathFitOptions& options) const {
   impl_->requireCurrent();
   const double voxel_size_m = impl_->field.map->params().voxel_size_m;
   PathFitAnswer answer;
-  const FittedTool& fitted = impl_->tool(tool);
+  const FittedTool& fitted = impl_->tool(options.tool);
   for (const Eigen::Isometry3d& pose : T_WT) {
     bool valid = false;
     static_cast<void>(impl_->placeOf(pose, valid));
@@ -233,13 +232,21 @@ PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std:
   std::vector<double> at;
   // Few at first: most ways that collide do so soon.
   std::size_t at_once = 64;
+  bool ended = false;
+  const kernels::EnoughOfFit enough = {.collisions = 1, .unknown = options.unknown_blocks ? 1U : 0U};
   const auto tryThem = [&] {
-    const std::vector<ToolFit> found = impl_->fitAll(places, tool, 1);
-    for (std::size_t n = 0; n < found.size() && !answer.collision; ++n) {
+    std::vector<ToolFit> found = impl_->fitAll(places, options.tool, enough);
+    for (std::size_t n = 0; n < found.size() && !ended; ++n) {
       if (!found[n].valid) return false;
+      if (options.unknown_blocks && (found[n].collisions | found[n].unknown) != 0) {
+        // Which of the two was found first is the backend's affair.
+        found[n] = impl_->fitAll({&places[n], 1}, options.tool)[0];
+      }
       answer.collision = found[n].collisions > 0;
       if (answer.collision) answer.first_hit = at[n];
-      answer.unknown = answer.unknown || (!answer.collision && found[n].unknown > 0);
+      ended = answer.collision || (options.unknown_blocks && found[n].unknown > 0);
+      answer.unknown = answer.unknown || (found[n].unknown > 0 && (options.unknown_blocks || !answer.collision));
+      if (!ended) answer.fits_until = at[n];
     }
     places.clear();
     at.clear();
@@ -253,9 +260,9 @@ PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std:
     return valid && (places.size() < at_once || tryThem());
   };
   bool fine = add(T_WT.front(), 0);
-  for (std::size_t n = 0; fine && !answer.collision && n + 1 < T_WT.size(); ++n) {
+  for (std::size_t n = 0; fine && !ended && n + 1 < T_WT.size(); ++n) {
     const Eigen::Quaterniond from(T_WT[n].linear()), to(T_WT[n + 1].linear());
-    for (std::size_t k = 1; fine && !answer.collision && k <= (*tries)[n]; ++k) {
+    for (std::size_t k = 1; fine && !ended && k <= (*tries)[n]; ++k) {
       if (k == (*tries)[n]) {
         fine = add(T_WT[n + 1], static_cast<double>(n + 1));
         break;
@@ -267,7 +274,7 @@ PathFitAnswer PoseQuery::fitsAlong(std::span<const Eigen::Isometry3d> T_WT, std:
       fine = add(pose, static_cast<double>(n) + t);
     }
   }
-  if (fine && !answer.collision && !places.empty()) fine = tryThem();
+  if (fine && !ended && !places.empty()) fine = tryThem();
   if (!fine) return {};
   answer.valid = true;
   return answer;

@@ -75,7 +75,7 @@ void printToolFits(const ToolFitOptions& options, Messages& messages) {
   const std::size_t tool = options.for_tool.empty() ? 0 : toolNamed(options.for_tool, field.tools(), "usage.fits");
   const PoseQuery query = field.poseQuery();
   if (options.along) {
-    const PathFitAnswer answer = query.fitsAlong(T_WT, tool);
+    const PathFitAnswer answer = query.fitsAlong(T_WT, {.tool = tool});
     printData(options.json ? jsonText(jsonOf(answer), 2) + "\n" : alongInWords(answer));
     return;
   }

@@ -15,12 +15,16 @@
 #include "accessvdb/program/points_mcap.h"
 #include "accessvdb/scan_io.h"
 #include "options/command_line.h"
+#include "options/map_options.h"
 #include "options/options.h"
+#include "options/tools_given.h"
 #include "output/output_files.h"
 #include "output/stop_signal.h"
 #include "runs/checked_results.h"
 #include "runs/gis_files.h"
+#include "runs/octomap_file.h"
 #include "runs/point_files.h"
+#include "runs/state_file.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -33,7 +37,8 @@ constexpr std::uint64_t kMostMcapPoints = 10'000'000;
 
 struct ExportFiles {
   CommonOptions common;
-  std::string map, raster, vector, mcap, crs;
+  MapOptions given;  ///< the tool of a state
+  std::string map, raster, vector, mcap, octomap, crs;
   double cell_m = 0.5;
   io::McapOptions of_mcap;
   bool allow_changed = false;
@@ -48,8 +53,16 @@ void checkOptions(const ExportFiles& options) {
   checkCommonOptions(options.common);
   if (options.map.empty())
     throw InvalidArgument("usage.missing", "--map", "is missing", "Name the output folder of accessvdb map");
-  if (options.raster.empty() && options.vector.empty() && options.mcap.empty())
-    throw InvalidArgument("usage.missing", "export", "needs a file to write", "Give --raster, --vector or --mcap");
+  const bool others = !options.raster.empty() || !options.vector.empty() || !options.mcap.empty();
+  if (options.octomap.empty() && !others) {
+    throw InvalidArgument("usage.missing", "export", "needs a file to write",
+                          "Give --raster, --vector, --mcap or --octomap");
+  }
+  if (!options.octomap.empty() && others) {
+    throw InvalidArgument("usage.octomap", "--octomap", "is made from a checkpoint, and the other files from results",
+                          "Run export once for each");
+  }
+  requireEnding("--octomap", options.octomap, ".bt");
   requireEnding("--raster", options.raster, ".tif");
   requireEnding("--vector", options.vector, ".gpkg");
   requireEnding("--mcap", options.mcap, ".mcap");
@@ -58,6 +71,22 @@ void checkOptions(const ExportFiles& options) {
                           "Use fewer points: a message ends at 2 GB");
   if (!(options.cell_m >= 0.001 && options.cell_m <= 1e6))
     throw InvalidArgument("usage.cell", "--cell", "is not between 0.001 and 1000000 metres", "Use metres, such as 0.5");
+}
+
+/// What is free and what is not, as the map itself knows it.
+int exportOctomap(ExportFiles& options, Messages& messages) {
+  requireOctomap("--octomap");
+  const fs::path file =
+      stateFile(options.map, "usage.octomap", "free space is not known", {options.allow_changed, messages});
+  const Paths outputs = {options.octomap};
+  requireNoInputs(outputs, joined(namedInputs(options.given), filesOfMap(options.map)));
+  requireOwn(outputs);
+  endOnStopSignals(messages);
+  options.given.common = options.common;
+  const PreparedFile made = octomapFile(options.octomap, loadField(file, options.given, options.common, messages));
+  io::writeFileDurably(made.path, made.write);
+  messages.notice("wrote " + made.path.string() + " with " + made.words);
+  return 0;
 }
 
 /// What points.las says, beside the first points.ply that has one.
@@ -91,12 +120,13 @@ int runExport(const Arguments& arguments, Messages& messages) {
   FlagParser flags;
   flags.describe("export",
                  "Writes a field for other programs: a GeoTIFF and a GeoPackage for QGIS, in the coordinate system of "
-                 "the survey; an MCAP file for Foxglove and Rerun.",
+                 "the survey; an MCAP file for Foxglove and Rerun; an OctoMap for MoveIt and Nav2.",
                  "accessvdb export --map out/ --raster share.tif --cell 1\n"
                  "  accessvdb export --map out/ --vector targets.gpkg --crs EPSG:32612\n"
-                 "  accessvdb export --map out/ --mcap field.mcap");
+                 "  accessvdb export --map out/ --mcap field.mcap\n"
+                 "  accessvdb export --map checkpoint/ --tool builtin:pruner --octomap map.bt");
   addCommonOptions(flags, options.common);
-  flags.option("--map", &options.map, "output folder of accessvdb map");
+  flags.option("--map", &options.map, "output folder of accessvdb map; for --octomap, of map --checkpoint");
   flags.option("--raster", &options.raster,
                "GeoTIFF to write: seen from above, the accessible share of the surface, and its square metres");
   flags.option("--cell", &options.cell_m, "edge of the raster's cells, in metres");
@@ -108,12 +138,18 @@ int runExport(const Arguments& arguments, Messages& messages) {
   flags.option(
       "--mcap", &options.mcap,
       "MCAP file to write: the labelled points as foxglove.PointCloud, ways in to them as foxglove.SceneUpdate");
+  flags.option("--octomap", &options.octomap,
+               "OctoMap to write, of cells as large as voxels: what collides, what was seen to be free (more with map "
+               "--clear-rays and --platform-radius), and nothing where that is unknown");
+  addToolsOptions(flags, options.given);
+  addOrientationOptions(flags, options.given);
   flags.option("--max-points", &options.of_mcap.most_points,
                "most points in the MCAP file; every second, third ... where there are more");
   flags.option("--arrows", &options.of_mcap.most_arrows, "the same for the arrows at accessible points; 0 = none");
   addAllowChanged(flags, options.allow_changed);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkOptions(options);
+  if (!options.octomap.empty()) return exportOctomap(options, messages);
   const bool gis = !options.raster.empty() || !options.vector.empty();
   if (gis) requireGis(options.raster.empty() ? "--vector" : "--raster");
   Paths outputs;

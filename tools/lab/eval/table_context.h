@@ -3,10 +3,13 @@
 /// State shared by the functions that make tables.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/approaches.h"
 #include "eval/scene_run.h"
 #include "eval/table_options.h"
 #include "eval/table_row.h"
@@ -75,6 +78,13 @@ void makeMotionTable(TableContext& context);
 void makeOrientationsTable(TableContext& context);
 void makeMarginsTable(TableContext& context);
 void makeApproachesTable(TableContext& context);
+/// What approaches() proposes with these options, judged by the exact scene.
+void addApproachRow(TableContext& context, const AccessibilityField& field,
+                    const std::shared_ptr<const sim::SignedDistance>& distance, const std::string& scene,
+                    const ApproachOptions& options);
+
+// table_of_plans.cpp: ways to approaches, planned with OMPL. @throws InvalidArgument "evaluate.ompl" without it
+void makePlansTable(TableContext& context);
 
 // table_of_pine.cpp: takes minutes to hours, so not part of "all".
 void makePineTable(TableContext& context);

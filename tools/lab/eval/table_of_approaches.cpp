@@ -25,8 +25,8 @@ struct Judged {
 
 class Judge {
  public:
-  Judge(const StoredScans& scans, const ToolGeometry& tool, const TruthOptions& options)
-      : distance_(scans.benchmark.scene.distance), tool_(tool), options_(options) {}
+  Judge(std::shared_ptr<const sim::SignedDistance> distance, const ToolGeometry& tool, const TruthOptions& options)
+      : distance_(std::move(distance)), tool_(tool), options_(options) {}
 
   /// In contact: as the truth of labels, with room around the tool.
   void contact(const Eigen::Isometry3d& T_WT, double margin_m, Judged& judged) const {
@@ -56,12 +56,15 @@ class Judge {
   TruthOptions options_;
 };
 
-void makeRow(TableContext& context, const AccessibilityField& field, const StoredScans& scans, const std::string& scene,
-             bool allow_unknown) {
+}  // namespace
+
+void addApproachRow(TableContext& context, const AccessibilityField& field,
+                    const std::shared_ptr<const sim::SignedDistance>& distance, const std::string& scene,
+                    const ApproachOptions& options) {
   const double v = field.params().tsdf.voxel_size_m;
-  const Approaches found =
-      approaches(field, {.most = 0, .spacing_m = 10 * v, .stand_off_m = 10 * v, .allow_unknown = allow_unknown});
-  const Judge judge(scans, field.tool(), truthOptions(field.params()));
+  const bool allow_unknown = options.allow_unknown;
+  const Approaches found = approaches(field, options);
+  const Judge judge(distance, field.tool(), truthOptions(field.params()));
   Judged contact, with_room, apart;
   for (const ApproachTarget& target : found.targets) {
     for (const ApproachPath& path : target.approaches) {
@@ -95,8 +98,6 @@ void makeRow(TableContext& context, const AccessibilityField& field, const Store
   context.options.observer.say(line);
 }
 
-}  // namespace
-
 void makeApproachesTable(TableContext& context) {
   const ToolGeometry pencil = ToolGeometry::builtin("builtin:pencil");
   for (const char* scene : {"torus", "sphere_a", "table_underside", "open_box", "branch_below", "cone_well"}) {
@@ -117,7 +118,13 @@ void makeApproachesTable(TableContext& context) {
       (void)field.integrateScan(frame.hits_S, frame.T_W_S);
     }
     (void)field.update();
-    for (const bool allow_unknown : {false, true}) makeRow(context, field, *scans, scene, allow_unknown);
+    for (const bool allow_unknown : {false, true}) {
+      addApproachRow(context, field, scans->benchmark.scene.distance, scene,
+                     {.most = 0,
+                      .spacing_m = 10 * request.voxel_size_m,
+                      .stand_off_m = 10 * request.voxel_size_m,
+                      .allow_unknown = allow_unknown});
+    }
   }
 }
 

@@ -1,0 +1,217 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Plans around a ball of known place and size, by OMPL's own planners: no state of theirs is inside it.
+#include "accessvdb/ompl.h"
+
+#include <gtest/gtest.h>
+#include <ompl/base/spaces/RealVectorStateSpace.h>
+#include <ompl/geometric/SimpleSetup.h>
+#include <ompl/geometric/planners/rrt/RRTConnect.h>
+#include <ompl/util/Console.h>
+#include <ompl/util/RandomNumbers.h>
+
+#include <memory>
+#include <vector>
+
+#include "accessvdb/approaches.h"
+#include "property/ball_world.h"
+
+namespace accessvdb::test {
+namespace {
+
+using namespace ball_world;
+namespace ob = ompl::base;
+
+std::shared_ptr<ob::SE3StateSpace> spaceAround(double half_m) {
+  auto space = std::make_shared<ob::SE3StateSpace>();
+  ob::RealVectorBounds bounds(3);
+  for (unsigned axis = 0; axis < 3; ++axis) {
+    bounds.setLow(axis, kCentre_W[axis] - half_m);
+    bounds.setHigh(axis, kCentre_W[axis] + half_m);
+  }
+  space->setBounds(bounds);
+  return space;
+}
+
+/// The tool points at the ball from outside, its body away from it.
+Eigen::Isometry3d outside(const Eigen::Vector3d& side, double away_m) {
+  Eigen::Isometry3d T_WT = Eigen::Isometry3d::Identity();
+  T_WT.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitX(), side).toRotationMatrix();
+  T_WT.translation() = kCentre_W + (kRadius_m + away_m) * side;
+  return T_WT;
+}
+
+/// How deep the tool is in the ball; negative: how far off.
+double depth_m(const std::vector<Eigen::Vector3d>& surface_T, const Eigen::Isometry3d& T_WT) {
+  double depth = -1e9;
+  for (const Eigen::Vector3d& p_T : surface_T) depth = std::max(depth, kRadius_m - (T_WT * p_T - kCentre_W).norm());
+  return depth;
+}
+
+class PlansAroundABall : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    ompl::msg::setLogLevel(ompl::msg::LOG_NONE);
+    ompl::RNG::setSeed(3);
+  }
+  ToolGeometry tool_ = ToolGeometry::builtin("builtin:pencil");
+  AccessibilityField field_ = ballField(tool_);
+  std::vector<Eigen::Vector3d> surface_T_ = surfaceOf(tool_, 0.01);
+  std::shared_ptr<ob::SE3StateSpace> space_ = spaceAround(1.6);
+  std::shared_ptr<ob::SpaceInformation> information_ = std::make_shared<ob::SpaceInformation>(space_);
+};
+
+TEST_F(PlansAroundABall, ReachesItsOtherSideAndTouchesNothing) {
+  Random random;
+  for (int n = 0; n < 5; ++n) {
+    const Eigen::Vector3d side = random.direction();
+    ompl::geometric::SimpleSetup setup(space_);
+    planIn(field_, *setup.getSpaceInformation());
+    setup.setPlanner(std::make_shared<ompl::geometric::RRTConnect>(setup.getSpaceInformation()));
+    setup.setStartAndGoalStates(stateOf(outside(side, 0.1), space_), stateOf(outside(-side, 0.1), space_));
+    ASSERT_EQ(setup.solve(20.0), ob::PlannerStatus::EXACT_SOLUTION) << n;
+    ompl::geometric::PathGeometric& path = setup.getSolutionPath();
+    path.interpolate(400);
+    for (const ob::State* state : path.getStates())
+      EXPECT_LT(depth_m(surface_T_, poseOf(*state->as<ob::SE3StateSpace::StateType>())), kVoxel_m) << n;
+  }
+}
+
+TEST_F(PlansAroundABall, MotionsEndWhereTheToolMeetsIt) {
+  planIn(field_, *information_);
+  const auto motions = information_->getMotionValidator();
+  Random random;
+  std::size_t ended = 0, went_through = 0;
+  for (int n = 0; n < 200; ++n) {
+    const Eigen::Isometry3d from_T_WT = random.pose(0.8, 1.2);
+    Eigen::Isometry3d to_T_WT = random.pose(0.8, 1.2);
+    if (n % 2 == 0) to_T_WT = PlanningWorld::between(from_T_WT, to_T_WT, 0.1);  // most long ones end
+    const auto from = stateOf(from_T_WT, space_), to = stateOf(to_T_WT, space_);
+    if (!information_->isValid(from.get())) continue;
+    ob::ScopedState<ob::SE3StateSpace> reached(space_);
+    std::pair<ob::State*, double> last(reached.get(), -1);
+    const bool whole = motions->checkMotion(from.get(), to.get(), last);
+    EXPECT_EQ(motions->checkMotion(from.get(), to.get()), whole) << n;
+    const PathFitAnswer answer =
+        field_.poseQuery().fitsAlong(std::vector<Eigen::Isometry3d>{from_T_WT, to_T_WT}, {.unknown_blocks = true});
+    EXPECT_EQ(whole, answer.free()) << n;
+    if (whole) {
+      ++went_through;
+      EXPECT_EQ(last.second, -1);
+      continue;
+    }
+    ++ended;
+    EXPECT_TRUE(last.second >= 0 && last.second < 1) << n;
+    EXPECT_TRUE(information_->isValid(reached.get())) << n;
+    if (answer.collision) {
+      EXPECT_LT(last.second, answer.first_hit) << n;
+    }
+  }
+  EXPECT_GT(ended, 30U);
+  EXPECT_GT(went_through, 10U);
+}
+
+TEST_F(PlansAroundABall, UnknownSpaceIsFreeOnlyIfThatIsAllowed) {
+  auto space = spaceAround(50);
+  Eigen::Isometry3d far_T_WT = outside(Eigen::Vector3d::UnitX(), 30);
+  for (const bool allow_unknown : {false, true}) {
+    ob::SpaceInformation information(space);
+    planIn(field_, information, {.allow_unknown = allow_unknown});
+    EXPECT_EQ(information.isValid(stateOf(far_T_WT, space).get()), allow_unknown);
+    EXPECT_EQ(information.checkMotion(stateOf(outside(Eigen::Vector3d::UnitX(), 0.1), space).get(),
+                                      stateOf(far_T_WT, space).get()),
+              allow_unknown);
+    EXPECT_FALSE(information.isValid(stateOf(outside(Eigen::Vector3d::UnitX(), -0.2), space).get()));
+  }
+}
+
+TEST_F(PlansAroundABall, ContactIsReachedAlongTheBodyOnly) {
+  field_.update();
+  const Approaches found = approaches(field_, {.most = 5});
+  ASSERT_GE(found.targets.size(), 3U);
+  for (const ApproachTarget& target : found.targets) {
+    const ApproachPath& path = target.approaches.front();
+    const auto before = stateOf(path.pre_contact_T_WT, space_), at = stateOf(path.contact_T_WT, space_);
+    Eigen::Isometry3d beside_T_WT = path.pre_contact_T_WT;
+    beside_T_WT.translation() += 0.02 * beside_T_WT.linear().col(1);
+    const auto beside = stateOf(beside_T_WT, space_);
+
+    ob::SpaceInformation touching(space_);
+    planIn(field_, touching, {.contact_T_WT = {path.contact_T_WT}});
+    EXPECT_TRUE(touching.isValid(at.get()));
+    EXPECT_TRUE(touching.checkMotion(before.get(), at.get()));
+    EXPECT_TRUE(touching.checkMotion(at.get(), before.get()));
+    EXPECT_TRUE(touching.checkMotion(before.get(), beside.get()));
+    EXPECT_FALSE(touching.checkMotion(beside.get(), at.get()));
+    EXPECT_FALSE(touching.checkMotion(at.get(), beside.get()));
+
+    planIn(field_, *information_);
+    EXPECT_FALSE(information_->isValid(at.get()));
+    EXPECT_FALSE(information_->checkMotion(before.get(), at.get()));
+  }
+  // In contact, where the tool does not fit, it may not be.
+  const Eigen::Isometry3d inside = outside(Eigen::Vector3d::UnitX(), -0.2);
+  ob::SpaceInformation stuck(space_);
+  planIn(field_, stuck, {.contact_T_WT = {inside}});
+  EXPECT_FALSE(stuck.isValid(stateOf(inside, space_).get()));
+  EXPECT_FALSE(
+      stuck.checkMotion(stateOf(outside(Eigen::Vector3d::UnitX(), 0.3), space_).get(), stateOf(inside, space_).get()));
+}
+
+TEST_F(PlansAroundABall, WhatCarriesTheToolMustFitToo) {
+  // Beside the tool, as far away as the ball is from it.
+  const BodyCapsule beside = {.a_T = {0, 0, -0.45}, .b_T = {0.1, 0, -0.45}, .radius_m = 0.1};
+  Eigen::Isometry3d above_T_WT = Eigen::Isometry3d::Identity();
+  above_T_WT.translation() = kCentre_W + Eigen::Vector3d(0, 0, 0.9);
+  Eigen::Isometry3d below_T_WT = above_T_WT;
+  below_T_WT.translation().z() = kCentre_W.z() - 0.9;
+  Eigen::Isometry3d left_T_WT = above_T_WT;
+  left_T_WT.translation() += Eigen::Vector3d(-0.9, 0, 0.1);
+  const auto above = stateOf(above_T_WT, space_), below = stateOf(below_T_WT, space_),
+             left = stateOf(left_T_WT, space_);
+  planIn(field_, *information_, {.allow_unknown = true});
+  EXPECT_TRUE(information_->isValid(above.get()));
+  ob::SpaceInformation carried(space_);
+  planIn(field_, carried, {.body = {beside}, .allow_unknown = true});
+  EXPECT_FALSE(carried.isValid(above.get()));
+  EXPECT_TRUE(carried.isValid(below.get()));
+  EXPECT_TRUE(carried.isValid(left.get()));
+  ob::ScopedState<ob::SE3StateSpace> reached(space_);
+  std::pair<ob::State*, double> last(reached.get(), -1);
+  EXPECT_FALSE(carried.checkMotion(left.get(), above.get()));
+  EXPECT_FALSE(carried.checkMotion(left.get(), above.get(), last));
+  EXPECT_NEAR(last.second, 0.48, 0.03);
+  EXPECT_TRUE(carried.isValid(reached.get()));
+}
+
+TEST_F(PlansAroundABall, SaysWhatIsWrong) {
+  const auto idOf = [&](const auto& call) -> std::string {
+    try {
+      call();
+    } catch (const Error& error) {
+      return error.id();
+    }
+    return "none";
+  };
+  ob::SpaceInformation flat(std::make_shared<ob::RealVectorStateSpace>(2));
+  EXPECT_EQ(idOf([&] { planIn(field_, flat); }), "plan.space");
+  EXPECT_EQ(idOf([&] { planIn(field_, *information_, {.tool = 1}); }), "tool.index");
+  EXPECT_EQ(idOf([&] { planIn(field_, *information_, {.body = {{.radius_m = -1}}}); }), "plan.options");
+  EXPECT_EQ(idOf([&] { planIn(field_, *information_, {.body = {{.a_T = {NAN, 0, 0}}}}); }), "plan.options");
+  Eigen::Isometry3d scaled = Eigen::Isometry3d::Identity();
+  scaled.linear() *= 2;
+  EXPECT_EQ(idOf([&] { planIn(field_, *information_, {.contact_T_WT = {scaled}}); }), "plan.options");
+  planIn(field_, *information_);
+  const auto state = stateOf(outside(Eigen::Vector3d::UnitX(), 0.3), space_);
+  EXPECT_TRUE(information_->isValid(state.get()));
+  Eigen::Isometry3d nowhere = outside(Eigen::Vector3d::UnitX(), 0.3);
+  nowhere.translation().x() = NAN;
+  EXPECT_FALSE(information_->isValid(stateOf(nowhere, space_).get()));
+  EXPECT_FALSE(information_->isValid(stateOf(outside(Eigen::Vector3d::UnitX(), 3), space_).get()));  // out of bounds
+  EXPECT_FALSE(information_->checkMotion(state.get(), stateOf(nowhere, space_).get()));
+  field_.update();
+  EXPECT_EQ(idOf([&] { static_cast<void>(information_->isValid(state.get())); }), "query.stale");
+}
+
+}  // namespace
+}  // namespace accessvdb::test
