@@ -8,6 +8,7 @@
 #include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <string_view>
 #include <utility>
@@ -18,6 +19,7 @@
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
+#include "report/approach_layer.h"
 #include "report/field_folder.h"
 #include "report/page_text.h"
 #include "report/point_packer.h"
@@ -57,6 +59,7 @@ class Page {
   Page(const std::filesystem::path& path, const HtmlReportOptions& options)
       : options_(options), folder_(openChecked(path)), run_(internal::RunRecord::read(path)) {
     result_.points = folder_.points;
+    if (!options.approaches.empty()) approaches_.emplace(options.approaches);
     if (run_.surface_points && *run_.surface_points != folder_.points) {
       warn("report.counts", "report.json is about " + std::to_string(*run_.surface_points) +
                                 " surface points, but the folder holds " + std::to_string(folder_.points));
@@ -125,6 +128,7 @@ class Page {
           ++count.points;
           count.area.steps += table.add(point, carried);
           bounds_W_.extend(point.position_W);
+          if (approaches_) approaches_->see(file.tile, point);
           if (!thinning.keep(point)) return true;
           ++count.drawn;
           packer.add(file.tile, point);
@@ -132,6 +136,10 @@ class Page {
         });
     packer.finish();
     table_ = table.finish();
+    if (approaches_) {
+      shown_approaches_ = approaches_->shown(folder_);
+      for (const auto& [id, text] : approaches_->warnings(folder_)) warn(id, text);
+    }
     result_.drawn = thinning.kept();
     const auto list = [](const std::vector<Eigen::Vector3f>& vectors, Json& json) {
       for (const Eigen::Vector3f& vector : vectors) {
@@ -244,13 +252,13 @@ class Page {
   /// Not of report.json, which has the hash of this page.
   Json hashes() const {
     Json list = Json::array();
-    const auto add = [&](const char* file) {
-      const std::filesystem::path path = folder_.path / file;
+    const auto add = [&](const std::filesystem::path& path) {
       if (isFile(path)) {
-        list.push_back({{"path", file}, {"sha256", sha256OfFile(path)}});
+        list.push_back({{"path", path.filename().string()}, {"sha256", sha256OfFile(path)}});
       }
     };
-    add(folder_.files.size() == 1 && folder_.files[0].tile.empty() ? "points.ply" : "field.json");
+    add(folder_.path / (folder_.files.size() == 1 && folder_.files[0].tile.empty() ? "points.ply" : "field.json"));
+    if (approaches_) add(approaches_->file());
     return list;
   }
 
@@ -277,6 +285,7 @@ class Page {
                                {"margin_m", numberOr(folder_.metadataOf(ofTool(k) + "margin_m"), 0)},
                                {"drawn", drawn(k)}});
     if (!ups_.empty()) json["ups"] = ups_;
+    if (approaches_) json["approaches"] = shown_approaches_;
     if (!folder_.attributes.empty()) json["tables"] = tables();
     for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"title", options_.title},
                                     {"client", options_.client},
@@ -296,8 +305,9 @@ class Page {
   internal::RunRecord run_;
   std::array<std::array<ClassCount, kNumPointReasons>, kNumPointLabels> classes_ = {};
   PointTable table_;
+  std::optional<internal::ApproachLayer> approaches_;
   Eigen::AlignedBox3d bounds_W_;
-  Json blocks_ = Json::array(), directions_ = Json::array(), ups_ = Json::array();
+  Json blocks_ = Json::array(), directions_ = Json::array(), ups_ = Json::array(), shown_approaches_;
 };
 
 }  // namespace

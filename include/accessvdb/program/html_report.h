@@ -30,6 +30,8 @@ struct HtmlReportOptions {
   std::uint64_t most_points = 1'000'000;
   /// One for each tool of the field, in its order, or none at all.
   std::vector<DrawnTool> tools = {};
+  /// approaches.json of the map, or its folder, to be shown in place; empty: none.
+  std::filesystem::path approaches = {};
   /// What the page is called, for whom it is and of which place; empty: the folder's name, and nothing.
   std::string title = {}, client = {}, site = {};
   bool allow_changed = false;  ///< draw files that are not as they were written, too (output_check.h)
@@ -48,7 +50,7 @@ struct HtmlReport {
 /// Writes the page of an output folder of `map`, whole or in tiles (read one at a time). The same folder gives the same
 /// bytes.
 /// @throws InvalidArgument (options, another number of tools), InputError (no such folder, files that were damaged or
-/// changed), OutputError
+/// changed, "input.approaches"), UnusableInput "approaches.other_map", OutputError
 ACCESSVDB_API HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesystem::path& folder,
                                          const HtmlReportOptions& options = {});
 

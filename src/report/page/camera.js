@@ -58,6 +58,14 @@ class Camera {
                    viewMatrix(this.eye(), right, up, back));
   }
 
+  // Where a place is in the picture; null if it is behind the viewer.
+  toPixels([x, y, z]) {
+    const m = this.toClip(), w = m[3] * x + m[7] * y + m[11] * z + m[15];
+    if (w <= 0) return null;
+    const at_x = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w, at_y = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
+    return [(at_x + 1) / 2 * this.width, (1 - at_y) / 2 * this.height];
+  }
+
   turn(dx_px, dy_px) {
     this.azimuth -= dx_px * 0.006;
     this.elevation = clamp(this.elevation + dy_px * 0.006, -STEEPEST, STEEPEST);

@@ -52,17 +52,23 @@ function directionWords(d, degrees) {
                                  : `yaw ${degrees(Math.atan2(d[1], d[0]))}${tilt}`;
 }
 
-// @param facts   the report's
-// @param chosen  index of one of several tools, or ANY_TOOL
-// @param tool    a Tool, or null
-// @param inside  drawn points inside it
-function fillCard(card, {point, facts, chosen, tool, inside, close}) {
-  const words = REASON_WORDS[point.reason];
-  const degrees = (radians) => ((radians * 180 / Math.PI + 360) % 360).toFixed(1) + "°";
+const degreesText = (radians) => ((radians * 180 / Math.PI + 360) % 360).toFixed(1) + "°";
+
+function closeButton(close) {
   const button = element("button", "close", "×");
   button.type = "button";
   button.title = "Close (Esc)";
   button.addEventListener("click", close);
+  return button;
+}
+
+// @param facts   the report's
+// @param chosen  index of one of several tools, or ANY_TOOL
+// @param tool    a Tool, or null
+// @param inside  drawn points inside it
+// @param targets  numbers of the targets there  @param go  called with one of them
+function fillCard(card, {point, facts, chosen, tool, inside, targets, go, close}) {
+  const words = REASON_WORDS[point.reason];
   const digits = clamp(Math.ceil(-Math.log10(facts.frame.step_m)), 0, 5);
   const d = point.direction_W;
   const values = element("table", "values",
@@ -72,16 +78,22 @@ function fillCard(card, {point, facts, chosen, tool, inside, close}) {
       ...(point.tools ? [row("Reached by", point.tools.map((k) => facts.tools[k].name).join(", ") || "no tool"),
                          row(point.tools.length > 0 ? "Way in of" : "Closest", facts.tools[point.tool].name)] : []),
       ...(point.margin_m === null ? [] : [row("Room", `${fixed(point.margin_m, 3)}\u202fm around it`)]),
-      row("Best direction", d ? directionWords(d, degrees) : "none"),
+      row("Best direction", d ? directionWords(d, degreesText) : "none"),
       row("Voxels touched", point.score === null ? "not tested" : grouped(point.score)),
       row("Confidence", point.confidence.toFixed(2)));
   const title = element("h2", "", swatch(REASON_COLOURS[point.reason]), words.name);
   const in_place = !point.tools || standsFor(point, chosen);
   const tool_line = element("p", "tool-line", ...[in_place ? toolLine(tool, inside, point) : toolsLine(point, facts, chosen)].flat());
   const prefix = point.tools ? `tool_${facts.tools[point.tool].name}_` : "";
-  const parts = [button, title, element("p", "", sentence(point, facts.metadata, prefix, in_place)),
+  const parts = [closeButton(close), title, element("p", "", sentence(point, facts.metadata, prefix, in_place)),
                  element("p", "todo", words.todo), values, tool_line];
   if (in_place && tool && tool.facts.difference) parts.push(element("p", "warning", tool.facts.difference));
+  for (const number of targets) {
+    const button = element("button", "go", `Approaches of target ${number}`);
+    button.type = "button";
+    button.addEventListener("click", () => go(number));
+    parts.push(button);
+  }
   card.replaceChildren(...parts);
   card.dataset.id = point.id;
   card.dataset.tile = point.tile;

@@ -15,6 +15,10 @@ class Report {
     this.chosen = ANY_TOOL;
     this.sorting = new Map();
     this.arrows = [];      // of each tool
+    this.target = -1;      // of facts.approaches; then nothing is selected
+    this.way = 0;          // its approach
+    this.pose = CONTACT;   // index in POSES
+    this.target_buttons = facts.approaches ? fillTargets(facts, (n) => this.goToTarget(n)) : [];
     this.ready = false;  // the first picture was drawn
     this.frame_due = false;
     fillTools(facts, (chosen) => this.choose(chosen));
@@ -52,6 +56,7 @@ class Report {
     }
     await this.unpackAll();
     this.painter.upload();
+    if (this.facts.approaches) this.drawArrows();
     // The top of a tall tree is a small share of a plot.
     this.camera.home = this.points.usualBox(0.002);
     const most = this.points.usualBox(0.02);
@@ -96,6 +101,7 @@ class Report {
   paint(finer = 1) {
     this.painter.draw(this.camera, {mode: this.mode, hidden: this.hidden}, finer);
     this.placeRing();
+    if (this.pins) this.pins.place(this.camera, this.target);
     this.drawScale();
   }
 
@@ -123,17 +129,13 @@ class Report {
 
   placeRing() {
     const ring = byId("ring");
-    ring.hidden = this.selected < 0;
-    if (ring.hidden) return;
-    const m = this.camera.toClip(), [x, y, z] = this.points.local(this.selected);
-    const w = m[3] * x + m[7] * y + m[11] * z + m[15];
-    if (w <= 0) {
-      ring.hidden = true;
-      return;
-    }
-    const at_x = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w, at_y = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
-    ring.style.left = `${(at_x + 1) / 2 * this.camera.width}px`;
-    ring.style.top = `${(1 - at_y) / 2 * this.camera.height}px`;
+    const place = this.selected >= 0 ? this.points.local(this.selected)
+        : this.target >= 0 ? this.localOf(this.facts.approaches.targets[this.target].position) : null;
+    const at = place && this.camera.toPixels(place);
+    ring.hidden = !at;
+    if (!at) return;
+    ring.style.left = `${at[0]}px`;
+    ring.style.top = `${at[1]}px`;
   }
 
   // 1, 2 or 5 times a power of ten metres, at the distance of what the camera turns around.
@@ -196,7 +198,8 @@ class Report {
     this.fillColumn();
     this.showHidden();
     const within = this.painter.within;
-    this.select(this.selected);
+    if (this.target >= 0) this.showApproach(this.target, this.way, this.pose);
+    else this.select(this.selected);
     this.painter.within = within;
   }
 
@@ -249,12 +252,8 @@ class Report {
 
   // @param index  -1 for none
   select(index) {
+    this.clear();
     this.selected = index;
-    this.painter.solids = [];
-    this.painter.within = null;
-    this.painter.focus = [0, 0, 0, 0];
-    unmark(this.points);
-    this.painter.marked = 0;
     if (index < 0) {
       byId("card").hidden = true;
     } else {
@@ -262,10 +261,23 @@ class Report {
       const tool = this.tools[point.tool] || null, in_place = point.direction_W && (!point.tools || standsFor(point, this.chosen));
       const inside = in_place ? this.showDirection(index, point, tool) : 0;
       this.painter.marked = inside;
-      fillCard(byId("card"), {point, facts: this.facts, chosen: this.chosen, tool, inside, close: () => this.select(-1)});
+      fillCard(byId("card"), {point, facts: this.facts, chosen: this.chosen, tool, inside, targets: this.targetsAt(point),
+                             go: (n) => this.goToTarget(n), close: () => this.select(-1)});
     }
     this.painter.uploadMarks();
     this.moved();
+  }
+
+  clear() {
+    this.selected = -1;
+    this.target = -1;
+    this.painter.solids = [];
+    for (const solid of this.painter.standing) solid.colour[3] = 1;
+    this.painter.within = null;
+    this.painter.focus = [0, 0, 0, 0];
+    unmark(this.points);
+    this.painter.marked = 0;
+    for (const button of this.target_buttons) button.setAttribute("aria-current", "false");
   }
 
   // The tool with its tip at the point, and an arrow the way it comes. @return drawn points inside the tool
@@ -278,9 +290,72 @@ class Report {
     const from = add(origin, scaled(out.x, length_m));
     painter.solids.push({mesh: arrow, placed: frameMatrix(inwards, from), colour: [0.13, 0.15, 0.19, 1]});
     if (!tool) return 0;
-    tool.mesh ||= painter.mesh(tool.vertices, tool.triangles);
-    painter.solids.push({mesh: tool.mesh, placed: frameMatrix(out, origin), colour: [0.27, 0.33, 0.62, 0.5]});
-    return tool.mark(this.points, out, origin);
+    return this.placeTool(tool, out, origin);
+  }
+
+  // @return drawn points inside it
+  placeTool(tool, frame, origin) {
+    tool.mesh ||= this.painter.mesh(tool.vertices, tool.triangles);
+    this.painter.solids.push({mesh: tool.mesh, placed: frameMatrix(frame, origin), colour: [0.27, 0.33, 0.62, 0.5]});
+    return tool.mark(this.points, frame, origin);
+  }
+
+  // Approaches ---------------------------------------------------------------------------------------------------------
+
+  localOf(place_W) { return subtract(place_W, this.points.anchor_W); }
+
+  targetsAt(point) {
+    const {targets} = this.facts.approaches || {targets: []};
+    return [...targets.keys()].filter((n) => targets[n].point === point.id && targets[n].tile === point.tile);
+  }
+
+  arrowsOf(approaches, colour) {
+    const ways = approaches.map((each) => [each.pre_contact, each.contact].map((pose) => this.localOf(pose.slice(0, 3))));
+    return {mesh: arrowsMesh(this.painter, ways), placed: frameMatrix({x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]}, [0, 0, 0]),
+            colour: [...colour.map((value) => value / 255), 1], grow_px: 0.7, rim_px: 1.3};
+  }
+
+  // All of them: the first of each target over the others.
+  drawArrows() {
+    const {targets} = this.facts.approaches;
+    this.painter.standing = [
+      this.arrowsOf(targets.flatMap(({approaches}) => approaches.slice(1)), ARROW_COLOURS.other),
+      this.arrowsOf(targets.map(({approaches}) => approaches[0]), ARROW_COLOURS.first),
+    ];
+    this.pins = new Pins(targets, this.points.anchor_W, (n) => this.goToTarget(n));
+  }
+
+  // Looks at a target's first approach from its side, so that tool and surface are seen apart.
+  goToTarget(number) {
+    const target = this.facts.approaches.targets[number], out = frameOfPose(target.approaches[0].contact).x;
+    this.showApproach(number, 0, CONTACT);
+    const aside = Math.abs(out[2]) > 0.9 ? this.camera.azimuth : Math.atan2(out[1], out[0]) + 1.1;
+    this.camera.azimuth = aside;
+    this.camera.elevation = 0.35;
+    this.camera.target = this.localOf(target.position);
+    this.camera.distance = 1.7 * this.painter.focus[3];
+    this.moved();
+  }
+
+  // @param number  of the target  @param way  of its approaches  @param pose  index in POSES
+  showApproach(number, way, pose) {
+    const target = this.facts.approaches.targets[number], approach = target.approaches[way];
+    const tool = target.tool === null ? null : this.tools[target.tool];
+    this.clear();
+    [this.target, this.way, this.pose] = [number, way, pose];
+    const at = approach[POSES[pose].key], reach_m = tool ? 1.6 * tool.reach_m : 24 * this.facts.frame.voxel_size_m;
+    this.painter.focus = [...this.localOf(target.position), 1.3 * reach_m];
+    for (const solid of this.painter.standing) solid.colour[3] = 0.5;
+    approach.arrow ||= this.arrowsOf([approach], ARROW_COLOURS.chosen);
+    this.painter.solids.push({...approach.arrow, grow_px: 1.2});
+    const inside = tool ? this.placeTool(tool, frameOfPose(at), this.localOf(at.slice(0, 3))) : 0;
+    this.painter.marked = inside;
+    this.target_buttons[number].setAttribute("aria-current", "true");
+    this.target_buttons[number].scrollIntoView({block: "nearest"});
+    fillApproachCard(byId("card"), {facts: this.facts, number, way, pose, tool, inside, close: () => this.select(-1),
+                                    show: (other_way, other_pose) => this.showApproach(number, other_way, other_pose)});
+    this.painter.uploadMarks();
+    this.moved();
   }
 
   // The address --------------------------------------------------------------------------------------------------------
@@ -295,6 +370,11 @@ class Report {
     if (this.selected >= 0) {
       const {tile, id} = this.points.describe(this.selected);
       parts.set("point", tile ? `${tile}:${id}` : String(id));
+    }
+    if (this.target >= 0) {
+      parts.set("target", this.target);
+      parts.set("approach", this.way);
+      parts.set("pose", POSES[this.pose].key);
     }
     return "#" + parts.toString().replaceAll("%2C", ",").replaceAll("%3A", ":");
   }
@@ -316,6 +396,17 @@ class Report {
     this.setMode(Math.max(mode, 0));
     const [, tile, id] = /^(?:(.*):)?(\d+)$/.exec(parts.get("point") || "") || [];
     this.select(id === undefined ? -1 : this.points.find(tile || "", Number(id)));
+    this.readApproach(parts);
+  }
+
+  readApproach(parts) {
+    const number = (name) => /^\d+$/.test(parts.get(name) || "") ? Number(parts.get(name)) : -1;
+    const {targets} = this.facts.approaches || {targets: []}, target = targets[number("target")];
+    if (!target) return;
+    const pose = POSES.findIndex(({key}) => key === parts.get("pose"));
+    const way = target.approaches[number("approach")] ? number("approach") : 0;
+    if (!parts.has("view")) this.goToTarget(number("target"));
+    this.showApproach(number("target"), way, pose < 0 ? CONTACT : pose);
   }
 
   async copyLink() {

@@ -17,7 +17,8 @@ class Painter {
     this.points = points;
     this.uploaded = 0;
     this.heights = [0, 1];
-    this.solids = [];     // {mesh, placed, colour}
+    this.solids = [];     // {mesh, placed, colour, grow_px, rim_px}; the last two may be left out
+    this.standing = [];   // such solids that stay whatever is chosen
     this.focus = [0, 0, 0, 0];  // a place and a radius: what is farther away fades; 0 = nothing fades
     this.within = null;   // a box {low, high}: what is outside fades
     this.marked = 0;      // points with a mark
@@ -101,6 +102,12 @@ class Painter {
       const length = Math.hypot(...normal) || 1;
       corners.forEach((corner, k) => data.set([...corner, ...scaled(normal, 1 / length)], 6 * (t + k)));
     }
+    return this.corners(data);
+  }
+
+  // The same from the corners of triangles: place and normal of each.
+  corners(data) {
+    const gl = this.gl;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -110,7 +117,7 @@ class Painter {
       gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 24, 12 * place);
     }
     gl.bindVertexArray(null);
-    return {array, count: triangles.length};
+    return {array, count: data.length / 6};
   }
 
   resizePicture(width, height) {
@@ -156,7 +163,7 @@ class Painter {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     this.drawPoints(camera, look, {to_clip, eye, scale: ratio * finer});
     this.shade(camera, finer, ratio);
-    this.drawSolids(to_clip, eye);
+    this.drawSolids(to_clip, eye, camera.focal_px());
     if (this.marked > 0) this.drawMarked(camera, look, {to_clip, eye, scale: ratio});
   }
 
@@ -233,27 +240,33 @@ class Painter {
     }
   }
 
-  // Each solid twice: faintly through what hides it, then its nearest faces.
-  drawSolids(to_clip, eye) {
-    if (this.solids.length === 0) return;
+  // Each solid twice: faintly through what hides it, then its nearest faces; before them its rim in white.
+  drawSolids(to_clip, eye, focal_px) {
+    const solids = [...this.standing, ...this.solids];
+    if (solids.length === 0) return;
     const gl = this.gl, {program, places} = this.solid_program;
     gl.useProgram(program);
     gl.uniformMatrix4fv(places.to_clip, false, to_clip);
     gl.uniform3fv(places.eye, eye);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    const pass = (solid, alpha) => {
+    const pass = (solid, alpha, {colour = solid.colour, rim_px = 0} = {}) => {
       gl.uniformMatrix4fv(places.placed, false, new Float32Array(solid.placed));
-      gl.uniform4f(places.colour, ...solid.colour.slice(0, 3), alpha);
+      gl.uniform4f(places.colour, ...colour.slice(0, 3), alpha);
+      gl.uniform1f(places.grow, ((solid.grow_px || 0) + rim_px) / focal_px);
       gl.bindVertexArray(solid.mesh.array);
       gl.drawArrays(gl.TRIANGLES, 0, solid.mesh.count);
     };
-    for (const solid of this.solids) {
+    for (const solid of solids) {
       gl.enable(gl.BLEND);
       gl.depthMask(false);
       gl.depthFunc(gl.GREATER);
       pass(solid, 0.35 * solid.colour[3]);
     }
-    for (const solid of this.solids) {
+    gl.depthFunc(gl.LESS);
+    for (const solid of solids) {
+      if (solid.rim_px) pass(solid, 0.8 * solid.colour[3], {colour: [1.6, 1.6, 1.6], rim_px: solid.rim_px});
+    }
+    for (const solid of solids) {
       gl.depthMask(true);
       gl.depthFunc(gl.LESS);
       gl.colorMask(false, false, false, false);

@@ -151,11 +151,13 @@ precision highp float;
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 uniform mat4 to_clip, placed;
+uniform float grow;  // along the normals, per metre of distance: thin things stay visible from afar
 out vec3 normal_W, at_W;
 void main() {
   vec4 p = placed * vec4(position, 1.0);
-  at_W = p.xyz;
   normal_W = mat3(placed) * normal;
+  p.xyz += grow * (to_clip * p).w * normal_W;
+  at_W = p.xyz;
   gl_Position = to_clip * p;
 }`;
 

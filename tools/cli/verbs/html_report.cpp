@@ -99,6 +99,7 @@ void writePage(const PageSources& sources, Messages& messages) {
   io::HtmlReportOptions options;
   options.tools = sources.tools;
   options.allow_changed = sources.allow_changed;
+  options.approaches = sources.approaches;
   options.title = sources.header.title;
   options.client = sources.header.client;
   options.site = sources.header.site;
@@ -119,7 +120,7 @@ void writePage(const PageSources& sources, Messages& messages) {
 int runReport(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   ToolOptions tool_options;
-  std::string map, out;
+  std::string map, out, approaches;
   bool allow_changed = false;
   std::uint64_t most_points = io::HtmlReportOptions().most_points;
   FlagParser flags;
@@ -130,6 +131,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
       "accessvdb report --map out/ --out report.html\n"
       "  accessvdb report --map out/ --tool pruner.stl --out report.html\n"
       "  accessvdb report --map out/ --tool pruner.stl --tool builtin:pencil --out report.html\n"
+      "  accessvdb report --map out/ --approaches approaches/ --out report.html\n"
       "  accessvdb report --map out/ --title \"Pruning plan\" --client \"City of X\" --site \"Oak Lane\" --out "
       "report.html");
   addCommonOptions(flags, common);
@@ -137,6 +139,8 @@ int runReport(const Arguments& arguments, Messages& messages) {
   flags.option("--out", &out, "the HTML file to write");
   flags.option("--max-points", &most_points,
                "draw at most so many points; one per cube and reason where there are more");
+  flags.option("--approaches", &approaches,
+               "approaches.json of accessvdb approaches, or its folder: where to go first, with each way in");
   PageSources sources;
   addPageHeader(flags, sources.header, "the folder's name");
   addToolPlaces(flags, tool_options);
@@ -154,6 +158,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
   endOnStopSignals(messages);
   const std::vector<ToolOfRun> drawn = toolsToDraw(tool_options, map);
   auto inputs = joined({common.config}, filesOfMap(map));
+  if (!approaches.empty()) inputs = joined(std::move(inputs), {approaches, fs::path(approaches) / "approaches.json"});
   for (const ToolOfRun& tool : drawn) inputs = joined(std::move(inputs), filesOfTools(tool.options));
   requireNoInputs({out}, inputs);
   std::deque<ToolGeometry> tools;  // whose addresses stay
@@ -173,6 +178,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
   }
   sources.html = out;
   sources.folder = map;
+  sources.approaches = approaches;
   sources.most_points = most_points;
   sources.allow_changed = allow_changed;
   writePage(sources, messages);

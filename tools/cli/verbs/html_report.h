@@ -18,6 +18,7 @@ struct PageSources {
   std::filesystem::path html, folder;
   std::vector<io::DrawnTool> tools;  ///< to be drawn
   std::uint64_t most_points = 0;     ///< 0 = the library's limit
+  std::filesystem::path approaches;  ///< to be shown; empty: none
   bool allow_changed = false;        ///< of the folder's files
   PageHeader header;
 };
