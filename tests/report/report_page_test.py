@@ -449,6 +449,195 @@ class ReportPage(unittest.TestCase):
         self.assertAlmostEqual(int(card["inside"]), int(inside.sum()), delta=0.01 * inside.sum())
         self.assertIn("does not say which tool", card["text"])
 
+    def field_with_targets(self, name):
+        """A field, its tool as a mesh, and three targets above all other points, whose tools tilt and roll."""
+        points = stored_field.random_points(20_000, size_m=3.0)
+        random = np.random.default_rng(7)
+        quaternions = random.normal(size=(6, 4))
+        quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+        level = [[np.cos(a / 2), 0, 0, np.sin(a / 2)] for a in np.radians([0, 90, 200])]
+        points["position"][:3] = [[0.7, 1.5, 3.2], [1.5, 1.5, 1.5], [2.2, 0.9, 2.0]]
+        points["label"][:3], points["reason"][:3], points["score"][:3] = 1, 0, 0
+        folder = stored_field.write_field(self.root / name, points, 0.1, comments=["tool x/tool.stl", "self_exclusion_voxels 3"])
+        rows = [(0, level), (1, quaternions[:3]), (2, quaternions[3:4])]
+        targets = [stored_field.target_at(row, points["position"][row], turns) for row, turns in rows]
+        mesh = self.root / f"{name}.stl"
+        box_mesh(mesh, [0.0, -0.33, -1.18], [0.97, 0.42, 0.12])  # the same from no two sides
+        return points, folder, targets, mesh
+
+    def card(self):
+        return self.browser.evaluate(
+            "(() => { const c = document.getElementById('card'); return {...c.dataset, text: c.innerText}; })()")
+
+    def test_the_tool_stands_in_each_pose_of_an_approach(self):
+        points, folder, targets, mesh = self.field_with_targets("approached")
+        approaches = stored_field.write_approaches(self.root / "approaches", targets)
+        html = self.make(folder, "--approaches", approaches, "--tool", mesh, "--tool-unit", "m")
+        step, voxel, low, high = 0.1 / 8, 0.1, np.array([0.0, -0.33, -1.18]), np.array([0.97, 0.42, 0.12])
+        drawn = np.round(points["position"] / step) * step
+        most = 0
+        for number, target in enumerate(targets):
+            for way, approach in enumerate(target["approaches"]):
+                for pose in ("pre_contact", "contact", "retreat"):
+                    if way == 0 and pose == "pre_contact":
+                        self.show(html, f"#target={number}&approach=0&pose=pre_contact")
+                    elif pose == "pre_contact":
+                        self.browser.evaluate("document.querySelector('#card [title=\"Next approach\"]').click()")
+                    self.browser.evaluate(f"document.querySelector('#card [data-pose={pose}]').click()")
+                    wanted = f"target={number}&approach={way}&pose={pose}"
+                    self.browser.wait_for(f"location.hash.endsWith('{wanted}')")
+                    q = approach[pose]["orientation_wxyz"]
+                    back = [q[0], -q[1], -q[2], -q[3]]
+                    offset = stored_field.turned(back, drawn - np.array(approach[pose]["position"]))
+                    cells = np.round(offset / voxel)
+                    touched = np.all((cells >= np.ceil(low / voxel - 0.5)) & (cells <= np.floor(high / voxel + 0.5)), axis=1)
+                    inside = (touched & ((cells**2).sum(axis=1) > 3**2)).sum()
+                    most = max(most, inside)
+                    card = self.card()
+                    # Floats in the page may put a point that lies on the edge of a cell into the next one.
+                    self.assertAlmostEqual(int(card["inside"]), int(inside), delta=0.02 * inside + 2, msg=wanted)
+                    self.assertIn(f"Target {number}", card["text"])
+                    self.assertIn(f"Approach {way}", card["text"])
+                    self.assertIn(target["why"], card["text"])
+        self.assertGreater(most, 200)
+        # There is no next one after the last, and a way back.
+        self.show(html, "#target=0&approach=2&pose=contact")
+        self.assertTrue(self.browser.evaluate("document.querySelector('#card [title=\"Next approach\"]').disabled"))
+        self.browser.evaluate("document.querySelector('#card [title=\"Previous approach\"]').click()")
+        self.browser.wait_for("location.hash.includes('target=0&approach=1&pose=contact')")
+        self.assert_silent()
+
+    def test_a_click_goes_to_a_target(self):
+        points, folder, targets, mesh = self.field_with_targets("targets")
+        targets[1]["why"] = "</script><b>best</b>"
+        approaches = stored_field.write_approaches(self.root / "approaches_listed", targets)
+        html = self.make(folder, "--approaches", approaches / "approaches.json", "--tool", mesh, "--tool-unit", "m")
+        self.show(html)
+        listed = self.browser.evaluate(
+            "[...document.querySelectorAll('#targets .target')].map((b) => [...b.children].map((c) => c.textContent))")
+        self.assertEqual([row[:2] for row in listed], [[str(n), each["why"]] for n, each in enumerate(targets)])
+        self.assertIn("3 approaches", listed[0][2])
+        self.assertIn("one approach", listed[2][2])
+
+        def expect_at(number):
+            self.browser.wait_for(f"location.hash.includes('target={number}&approach=0&pose=contact')")
+            view = re.search(r"view=([^&]*)", self.browser.evaluate("location.hash"))[1].split(",")
+            np.testing.assert_allclose([float(each) for each in view[:3]], targets[number]["position"], atol=1e-3)
+            current = self.browser.evaluate("[...document.querySelectorAll('[aria-current=true]')].map((b) => b.textContent)")
+            self.assertEqual(len(current), 2, "in the list and in the picture")
+            self.assertTrue(all(each.startswith(str(number)) for each in current), current)
+            ring = self.browser.evaluate(
+                "(() => { const r = document.getElementById('ring').getBoundingClientRect(), v = document.getElementById('view')"
+                ".getBoundingClientRect(); return [r.left + r.width / 2 - v.left - v.width / 2, r.top + r.height / 2 - v.height / 2]; })()")
+            np.testing.assert_allclose(ring, [0, 0], atol=1.5)
+
+        for number in (2, 0, 1):
+            self.browser.evaluate(f"document.querySelectorAll('#targets .target')[{number}].click()")
+            expect_at(number)
+        self.browser.evaluate("document.getElementById('fit').click()")
+        self.browser.evaluate("document.querySelectorAll('.pin')[2].click()")
+        expect_at(2)
+        self.browser.evaluate("document.querySelector('#card .close').click()")
+        self.browser.wait_for("!location.hash.includes('target=')")
+        self.assertEqual(self.browser.evaluate("document.querySelectorAll('[aria-current=true]').length"), 0)
+        # A point that is a target says so.
+        card = self.click_at(html, points["position"][0])
+        self.assertEqual(int(card["id"]), 0)
+        self.browser.evaluate("document.querySelector('#card .go').click()")
+        expect_at(0)
+        # What is no target is none.
+        for fragment in ("#target=3", "#target=-1", "#target=x&approach=1"):
+            self.show(html, fragment)
+            self.assertTrue(self.browser.evaluate("document.getElementById('card').hidden"))
+        self.show(html, "#target=1&approach=77&pose=none")
+        self.browser.wait_for("location.hash.includes('target=1&approach=0&pose=contact')")
+        self.assert_silent()
+
+    def test_an_arrow_for_each_approach(self):
+        points, folder, targets, _ = self.field_with_targets("arrows")
+        approaches = stored_field.write_approaches(self.root / "approaches_drawn", targets)
+        html = self.make(folder, "--approaches", approaches)
+        at, distance = np.array(targets[0]["position"]), 2.0
+        self.show(html, f"#view={at[0]},{at[1]},{at[2]},{distance},-90,89.9")
+        pixels = self.picture().astype(int)
+        height, width, _ = pixels.shape
+        px_per_m = height / 2 / np.tan(np.radians(20)) / distance
+
+        def darkest_along(approach):
+            """Across the arrow, at places of its shaft: the darkest sum of red, green, blue, and how colourful that is."""
+            tip, tail = (np.array(approach[pose]["position"]) for pose in ("contact", "pre_contact"))
+            found = []
+            for share in (0.4, 0.5, 0.6):
+                x, y = ((tip + share * (tail - tip) - at) * px_per_m)[:2]
+                around = pixels[int(height / 2 - y) - 2:int(height / 2 - y) + 3, int(width / 2 + x) - 2:int(width / 2 + x) + 3].reshape(-1, 3)
+                grey = around[np.ptp(around, axis=1) < 30]  # points are colourful
+                self.assertGreater(len(grey), 4, "an arrow is here")
+                found.append(grey.sum(axis=1).min() / 3)
+            return np.mean(found)
+
+        first, *others = [darkest_along(each) for each in targets[0]["approaches"]]
+        self.assertLess(first, 60)
+        for other in others:
+            self.assertGreater(other, first + 60, "the first is darker than the others")
+        # Of a chosen approach the arrow is another colour.
+        self.show(html, f"#view={at[0]},{at[1]},{at[2]},{distance},-90,89.9&target=0&approach=1")
+        pixels = self.picture().astype(int)
+        x, y = (0.5 * (np.array(targets[0]["approaches"][1]["pre_contact"]["position"]) - at) * px_per_m)[:2]
+        red, green, blue = pixels[int(height / 2 - y), int(width / 2 + x)]
+        self.assertGreater(red, green + 40)
+        self.assertGreater(green, blue)
+
+    def test_approaches_of_a_map(self):
+        scans, out, state = self.root / "approached_scans", self.root / "approached_map", self.root / "approached_state"
+        run("simulate", "--scene", "torus", "--frames", 12, "--range-noise", 0, "--out", scans, program=LAB_PROGRAM)
+        given = ["--device", "cpu", "--scans", scans / "scans", "--poses", scans / "poses.txt", "--tool", "builtin:pencil",
+                 "--voxel", 0.01, "--origin", "0,0,0"]
+        mapped = run("map", *given, "--checkpoint", state, "--out", out)
+        self.assertEqual(mapped.returncode, 0, mapped.stderr)
+        approaches = self.root / "approached_list"
+        found = run("approaches", "--map", state, "--tool", "builtin:pencil", "--allow-unknown", "--most", 5, "--spacing", 0.05,
+                    "--out", approaches)
+        self.assertEqual(found.returncode, 0, found.stderr)
+        html = self.make(out, "--approaches", approaches)
+        self.assertNotIn("approaches.", run("report", "--map", out, "--approaches", approaches, "--out", html).stderr)
+        again = self.root / "approached_again.html"
+        self.assertEqual(run("report", "--map", out, "--approaches", approaches, "--out", again).returncode, 0)
+        self.assertEqual(again.read_bytes(), html.read_bytes())
+        targets = json.loads((approaches / "approaches.json").read_text())["targets"]
+        self.assertEqual(len(targets), 5)
+        self.show(html, "#target=4")
+        card = self.card()
+        self.assertEqual(int(card["id"]), targets[4]["point"])
+        self.assertIn("builtin:pencil in place", card["text"])
+        # In a map in tiles a point is one of its tile.
+        tiled = self.root / "approached_tiles"
+        mapped = run("map", *given, "--tiles", 1.28, "--out", tiled)
+        self.assertEqual(mapped.returncode, 0, mapped.stderr)
+        name = None
+        for tile in sorted((tiled / "tiles").iterdir()):
+            points = stored_field.read_points(tile)
+            same = np.flatnonzero((points["position"] == targets[0]["position"]).all(axis=1))
+            if len(same) == 1:
+                name, targets[0]["point"] = tile.name, int(same[0])
+        self.assertIsNotNone(name)
+        self.show(self.make(tiled, "--approaches", stored_field.write_approaches(self.root / "approached_tile", targets[:1])),
+                  "#target=0")
+        self.assertEqual(self.card()["tile"], name)
+
+    def test_targets_that_the_map_says_something_else_about(self):
+        points, folder, targets, mesh = self.field_with_targets("odd")
+        points["label"][1], points["reason"][1] = 2, 6
+        stored_field.write_field(folder, points, 0.1, comments=["tool x/tool.stl"])
+        targets[0]["tool"] = "another"
+        result = run("report", "--map", folder, "--approaches", stored_field.write_approaches(self.root / "odd_list", targets),
+                     "--tool", mesh, "--tool-unit", "m", "--out", self.root / "odd.html")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertIn("warning[approaches.labels] 1 of 3 targets", result.stderr)
+        self.assertIn("warning[approaches.tool]", result.stderr)
+        self.show(self.root / "odd.html", "#target=0")
+        self.assertIn("no tool of the name another", self.card()["text"])
+        self.assertIn("1 of 3 targets", self.browser.evaluate("document.getElementById('problems').textContent"))
+
     def test_folders_of_older_versions(self):
         points = stored_field.random_points(50)
         folder = stored_field.write_field(self.root / "older", points)
@@ -493,6 +682,62 @@ class ReportErrors(unittest.TestCase):
                 self.assertEqual(result.returncode, code, result.stderr)
                 self.assertIn(f"error[{error}", result.stderr)
                 self.assertFalse(out.exists())
+
+    def test_approaches_that_are_none_or_of_another_map(self):
+        with tempfile.TemporaryDirectory() as name:
+            root = pathlib.Path(name)
+            points = stored_field.random_points(20)
+            whole = stored_field.write_field(root / "whole", points)
+            out, good = root / "x.html", [[1, 0, 0, 0], [0, 0, 0, 1]]
+
+            def refused(code, error, words, path=None, row=3, **changes):
+                if path is None:
+                    target = stored_field.target_at(row, points["position"][min(row, 19)], changes.pop("turns", good),
+                                                    changes.pop("stand_off_m", 0.4)) | changes
+                    path = stored_field.write_approaches(root / "list", [stored_field.target_at(0, points["position"][0], good), target])
+                result = run("report", "--map", whole, "--approaches", path, "--out", out)
+                self.assertEqual(result.returncode, code, result.stderr)
+                self.assertEqual(result.stderr.count("error["), 1)
+                self.assertIn(f"error[{error}]", result.stderr)
+                self.assertIn(words, result.stderr)
+                self.assertFalse(out.exists())
+
+            def written(text):
+                (root / "text.json").write_text(text)
+                return root / "text.json"
+
+            refused(3, "input.missing", "accessvdb approaches", path=root / "none")
+            refused(3, "input.missing", "approaches.json", path=whole)
+            refused(3, "input.approaches", "is not valid JSON", path=written("{"))
+            refused(3, "input.approaches", "is not valid JSON", path=whole / "points.ply")
+            for text in ("{}", "[]", "7", '{"accessible_points": 1, "covered_points": 1}'):
+                refused(3, "input.approaches", "has no ", path=written(text))
+            refused(3, "input.approaches", "has no accessible_points", path=whole / "report.json")
+            nan = float("nan")
+            refused(3, "input.approaches", "is not valid JSON", confidence=nan)
+            refused(3, "input.approaches", "no finite number at targets[1].confidence", confidence=None)
+            refused(3, "input.approaches", "out of range at targets[1].confidence", confidence=1.5)
+            refused(3, "input.approaches", "no finite number at targets[1].position[2]", position=[0, 0, None])
+            refused(3, "input.approaches", "3 numbers at targets[1].position", position=[0, 0])
+            refused(3, "input.approaches", "no count at targets[1].point", point=-1)
+            refused(3, "input.approaches", "no text at targets[1].why", why=3)
+            refused(3, "input.approaches", "no list at targets[1].approaches", approaches=None)
+            refused(3, "input.approaches", "without a way in: targets[1]", approaches=[])
+            refused(3, "input.approaches", "no unit quaternion at targets[1].approaches[1].pre_contact",
+                    turns=[[1, 0, 0, 0], [1, 0, 0.1, 0]])
+            refused(3, "input.approaches", "not at its target: targets[1].approaches[0].contact",
+                    approaches=stored_field.target_at(3, points["position"][3] + 0.01, good)["approaches"])
+            refused(3, "input.approaches", "not at its target: targets[1].approaches[0].pre_contact", stand_off_m=1e30)
+            refused(4, "approaches.other_map", "the map has no such point", row=20)
+            refused(4, "approaches.other_map", "target 1 is point 4", point=4)
+            other = points["position"][3] + [0.001, 0, 0]
+            moved = stored_field.target_at(3, other, good)
+            refused(4, "approaches.other_map", "which the map has at",
+                    position=moved["position"], approaches=moved["approaches"])
+            # What is read is not written over.
+            result = run("report", "--map", whole, "--approaches", root / "list", "--out", root / "list" / "approaches.json")
+            self.assertEqual(result.returncode, 2, result.stderr)
+            self.assertIn("output.is_input", result.stderr)
 
 
 if __name__ == "__main__":

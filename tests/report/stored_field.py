@@ -79,3 +79,35 @@ def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, car
                "warnings": [], "notices": [], **(report or {})}
     (folder / "report.json").write_text(json.dumps(content))
     return folder
+
+
+def turned(quaternion, vectors):
+    """Vectors, (n, 3), turned by a unit quaternion, w first: by the product q v q*, not by a matrix."""
+    w, u = quaternion[0], np.array(quaternion[1:])
+    across = 2 * np.cross(u, vectors)
+    return vectors + w * across + np.cross(u, across)
+
+
+def target_at(point, position, quaternions, stand_off_m=0.4, **changes):
+    """A target of approaches.json, with an approach for each quaternion."""
+    position = np.array(position)
+
+    def pose(quaternion, back_m):
+        place = position + back_m * turned(quaternion, np.array([[1.0, 0, 0]]))[0]
+        return {"position": place.tolist(), "orientation_wxyz": list(map(float, quaternion))}
+
+    approaches = [{"pre_contact": pose(q, stand_off_m), "contact": pose(q, 0), "retreat": pose(q, 2 * stand_off_m),
+                   "direction": 0, "roll": 0, "collisions": 1, "free_arc_deg": 40.0, "seen_free_m": 0.8}
+                  for q in quaternions]
+    return {"point": int(point), "position": position.tolist(), "normal": [0, 0, 1], "tool": "tool", "margin_m": None,
+            "confidence": 0.75, "distance_m": 0.0, "covers_points": 12, "value": 0, "why": f"of point {point}",
+            "approaches": approaches, **changes}
+
+
+def write_approaches(folder, targets):
+    """approaches.json as `accessvdb approaches` leaves it."""
+    folder = pathlib.Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    content = {"accessible_points": 100, "covered_points": 60, "tried_without_way": 0, "targets": targets}
+    (folder / "approaches.json").write_text(json.dumps(content, indent=2))
+    return folder

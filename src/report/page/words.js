@@ -24,7 +24,7 @@ const REASON_COLOURS = {
 const LABEL_COLOURS = {unscored: [150, 152, 156], accessible: [0, 158, 115], blocked: [213, 94, 0]};
 const IN_TOOL_COLOUR = [250, 228, 40];
 // Apart by how dark they are; a white rim parts them from the points.
-const ARROW_COLOURS = {first: [24, 26, 32], other: [138, 142, 150], chosen: [213, 94, 0]};
+const ARROW_COLOURS = {first: [24, 26, 32], other: [172, 176, 184], chosen: [213, 94, 0]};
 
 const LABEL_WORDS = {unscored: "not judged", accessible: "reachable", blocked: "not reachable"};
 
