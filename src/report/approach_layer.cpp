@@ -140,7 +140,12 @@ std::string nameOfOnlyTool(const FieldFolder& folder) {
   std::string name = folder.metadataOf("tool");
   constexpr std::string_view kBuiltin = "builtin:";
   name = name.starts_with(kBuiltin) ? name.substr(kBuiltin.size()) : std::filesystem::path(name).stem().string();
-  return name;
+  const auto isLetter = [](char c) {
+    return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
+  };
+  for (char& c : name) c = isLetter(c) ? c : '_';
+  constexpr std::size_t kLongestName = 32;
+  return name.substr(0, kLongestName);
 }
 
 }  // namespace

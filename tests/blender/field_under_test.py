@@ -16,6 +16,8 @@ POINTS = os.path.join(FIELD, "points.ply")
 FIELD_Y_UP = os.path.join(WORK, "field_y_up")
 #: The same map in tiles of this edge.
 FIELD_IN_TILES, EDGE_OF_TILES_M = os.path.join(WORK, "field_in_tiles"), 0.512
+#: approaches.json of the field.
+APPROACHES = os.path.join(WORK, "approaches")
 TOOL = os.path.join(WORK, "hook.stl")
 PLACED_TOOLS = os.path.join(WORK, "placed_tools.json")
 

@@ -1,9 +1,9 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Blender add-on: opens the output folder of `accessvdb map`, and places the tool at one of its points.
+"""Blender add-on: opens the output folder of `accessvdb map`, and places the tool at one of its points or approaches.
 
-File > Import > Accessibility field (AccessVDB), and Object > Place tool at point (AccessVDB). See README.md next to
-this folder. Written for Blender 3.4 and later; differences between versions are checked where they matter.
+File > Import > Accessibility field (AccessVDB), Object > Place tool at point (AccessVDB), and Object > Place tool at
+approach (AccessVDB). See README.md next to this folder. Written for Blender 3.4 and later; differences between versions are checked where they matter.
 """
 
 bl_info = {
@@ -23,12 +23,14 @@ except ImportError:
     bpy = None
 
 if bpy is not None:
-    from . import import_operator, place_operator
+    from . import approach_operator, import_operator, place_operator
 
     def register():
         import_operator.register()
         place_operator.register()
+        approach_operator.register()
 
     def unregister():
+        approach_operator.unregister()
         place_operator.unregister()
         import_operator.unregister()

@@ -9,6 +9,8 @@ import numpy as np
 from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from .approaches_file import FILE, of_another_map, read_targets
+from .arrows_object import add_arrows
 from .field_folder import find_fields
 from .points_object import add_points
 from .points_ply import FieldError, read_points
@@ -19,7 +21,7 @@ _FAR_AWAY_M = 10000.0
 
 
 class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
-    """Open the output folder of accessvdb map: volume and points"""
+    """Open the output folder of accessvdb map: volume, points and approaches"""
 
     bl_idname = "import_scene.accessvdb"
     bl_label = "Import accessibility field"
@@ -29,6 +31,10 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
     filter_glob: StringProperty(default="*.vdb;*.ply;*.json", options={"HIDDEN"})
     with_volume: BoolProperty(name="Volume", default=True, description="field.vdb, as green and red fog")
     with_points: BoolProperty(name="Points", default=True, description="points.ply, as coloured balls with attributes")
+    with_approaches: BoolProperty(name="Approaches", default=True,
+                                  description="approaches.json, if there is one, as an arrow for each approach")
+    approaches: StringProperty(name="From", subtype="FILE_PATH",
+                               description="approaches.json, or its folder; empty: the one beside the field")
     at_world_position: BoolProperty(
         name="At its world position", default=True,
         description="Place the field at its world coordinates; else its local origin is Blender's origin")
@@ -39,14 +45,23 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
         try:
             fields = find_fields(bpy.path.abspath(self.filepath))
             collection.name = _name(fields[0].folder if len(fields) == 1 else _map_of_tile(fields[0].folder))
+            folder = fields[0].folder if len(fields) == 1 else _map_of_tile(fields[0].folder)
+            approaches = self._approaches_in(folder)
+            targets = read_targets(approaches) if approaches else []
+            found = set()
             for field in fields:
                 part = collection
                 if len(fields) > 1:
                     part = bpy.data.collections.new(f"{collection.name} {_name(field.folder)}")
                     collection.children.link(part)
                 points = read_points(field.points)
-                self._fill(part, field, points)
+                own = [target for target in targets if target.is_in(points)]
+                found.update(target.number for target in own)
+                self._fill(part, field, points, own, approaches)
                 labels.append(points.records["label"])
+            lost = [target for target in targets if target.number not in found]
+            if lost:
+                raise of_another_map(lost[0], approaches)
         except FieldError as error:
             _remove(collection)
             self.report({"ERROR"}, str(error))
@@ -60,16 +75,29 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
             self.report({"WARNING"}, f"{fields[0].folder}: the field is empty")
         return {"FINISHED"}
 
-    def _fill(self, collection, field, points):
+    def _approaches_in(self, folder):
+        """Path of the approaches to show; empty: none."""
+        if not self.with_approaches:
+            return ""
+        if self.approaches:
+            return bpy.path.abspath(self.approaches)
+        beside = os.path.join(folder, FILE)
+        return beside if os.path.isfile(beside) else ""
+
+    def _fill(self, collection, field, points, targets, approaches):
         # First does what can fail, so that nothing is left behind.
         things = [add_volume(collection, field.volume, points.voxel_size_m)] if self.with_volume else []
         if self.with_points:
             things.append(add_points(collection, points))
+        if targets:
+            things.append(add_arrows(collection, targets, points.origin_W))
         root = bpy.data.objects.new(collection.name, None)
         root.empty_display_size = 10 * points.voxel_size_m
         root["accessvdb_folder"] = field.folder
         root["accessvdb_origin_W"] = [float(value) for value in points.origin_W]
         root["accessvdb_voxel_size_m"] = points.voxel_size_m
+        if targets:
+            root["accessvdb_approaches"] = os.path.abspath(approaches)
         collection.objects.link(root)
         for thing in things:
             thing.parent = root

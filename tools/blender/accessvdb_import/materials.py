@@ -14,6 +14,8 @@ _SRGB_OF_REASON = {
     "unknown": (0, 114, 178), "arm": (230, 159, 0), "tool": (213, 94, 0), "changed": (240, 228, 66),
     "beside_surface": (205, 207, 211),
 }
+# Whether it is the first of its target.
+_SRGB_OF_ARROW = {True: (0, 114, 178), False: (86, 180, 233)}
 # A voxel lets through exp(-3) = 5 % of the light, whatever its size.
 _OPTICAL_DEPTH_OF_VOXEL = 3.0
 # Light emitted by the fog itself, so that it is not black in a scene without lamps.
@@ -121,6 +123,20 @@ def tool_material():
     surface = nodes.new("ShaderNodeBsdfPrincipled")
     surface.inputs["Base Color"].default_value = (0.80, 0.45, 0.05, 1.0)
     surface.inputs["Roughness"].default_value = 0.5
+    _output(nodes, link, surface.outputs["BSDF"], "Surface")
+    return material
+
+
+def arrow_material(first):
+    """Blue for the first approach of a target, light blue for its others: colour-blind people can tell them apart, and
+    neither is a colour of a label or the tool."""
+    name = "AccessVDB first approach" if first else "AccessVDB other approach"
+    material, nodes, link = _empty_material(name)
+    surface = nodes.new("ShaderNodeBsdfPrincipled")
+    colour = tuple(float(linear_from_srgb(byte)) for byte in _SRGB_OF_ARROW[first]) + (1.0,)
+    surface.inputs["Base Color"].default_value = colour
+    surface.inputs["Roughness"].default_value = 0.6
+    material.diffuse_color = colour  # without lamps and nodes, too
     _output(nodes, link, surface.outputs["BSDF"], "Surface")
     return material
 

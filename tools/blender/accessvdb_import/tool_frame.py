@@ -69,7 +69,11 @@ def placement_L(points, index):
         raise FieldError(f"Point {index} has no best direction (reason: {REASONS[record['reason']]}). Choose another")
     matrix = np.eye(4)
     if points.has_orientations():
-        matrix[:3, :3] = _rotation(np.array([record[name] for name in QUATERNION], dtype=float), index)
+        quaternion = np.array([record[name] for name in QUATERNION], dtype=float)
+        try:
+            matrix[:3, :3] = rotation_of(quaternion)
+        except FieldError as error:
+            raise FieldError(f"Point {index}: {error}. Compute the field again") from None
     else:
         cos, sin = direction[:2] / np.linalg.norm(direction[:2])
         matrix[:3, :3] = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
@@ -77,11 +81,11 @@ def placement_L(points, index):
     return matrix
 
 
-def _rotation(quaternion, index):
-    """(3, 3) of a quaternion, w first."""
+def rotation_of(quaternion):
+    """(3, 3) of a quaternion, w first. Raises FieldError if it is no unit quaternion, without saying where it is."""
     length = np.linalg.norm(quaternion)
     if not np.isfinite(quaternion).all() or not abs(length - 1) < 1e-3:
-        raise FieldError(f"Point {index} has an orientation that is no unit quaternion. Compute the field again")
+        raise FieldError("an orientation is no unit quaternion")
     w, x, y, z = quaternion / length
     return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
                      [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
