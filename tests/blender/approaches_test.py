@@ -107,11 +107,12 @@ class Approaches(unittest.TestCase):
             a, *others = [corners[v] - corners[0] for v in polygon.vertices]
             volume += sum(np.linalg.det([a, b, c]) for b, c in zip(others, others[1:])) / 6
         self.assertGreater(volume, 0)
-        edges = {}
+        edges = []
         for polygon in arrows.data.polygons:
-            for edge in polygon.edge_keys:
-                edges[edge] = edges.get(edge, 0) + 1
-        self.assertEqual(set(edges.values()), {2})
+            loop = list(polygon.vertices)
+            edges += zip(loop, loop[1:] + loop[:1])
+        self.assertEqual(len(set(edges)), len(edges), "no two faces run along an edge the same way")
+        self.assertEqual(set(edges), {(b, a) for a, b in edges})
 
     def test_the_first_of_a_target_has_the_stronger_colour(self):
         arrows, = self.imported(approaches=FILE)

@@ -15,6 +15,7 @@
 #include <sstream>
 
 #include "accessvdb/accessibility_field.h"
+#include "accessvdb/approaches.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "report/point_packer.h"
@@ -256,6 +257,91 @@ TEST(ReportBytes, AreTheSameForTheSameFolder) {
   EXPECT_GT(first.cell_m, 0.1);
   options.most_points = 1;
   EXPECT_THROW((void)io::writeHtmlReport(folder.path() / "c.html", folder.path() / "field", options), InvalidArgument);
+}
+
+/// A folder `field` with points in a row, and the approaches to one of them, in `list`.
+class ReportApproaches : public ::testing::Test {
+ protected:
+  ReportApproaches() {
+    FieldSnapshot field;
+    field.voxel_size_m = 0.1;
+    for (std::uint32_t id = 0; id < 20; ++id) {
+      SurfacePoint point;
+      point.id = id;
+      point.position_W = {0.1 * id, 1.0 / 3, 4.5e6};  // as far as UTM
+      point.label = PointLabel::Accessible;
+      point.reason = PointReason::None;
+      point.score = 0;
+      point.direction_W = {1, 0, 0};
+      field.points.push_back(point);
+    }
+    fs::create_directory(folder_.path() / "field");
+    io::writePointsPly(folder_.path() / "field" / "points.ply", field, {{"tool", "tools/long saw.stl"}});
+    ApproachTarget target;
+    target.point = 7;
+    target.position_W = field.points[7].position_W;
+    target.why = "of room";
+    ApproachPath path;
+    path.contact_T_WT =
+        Eigen::Translation3d(target.position_W) * Eigen::Quaterniond(0.5, -0.5, 0.1, std::sqrt(1 - 0.25 - 0.25 - 0.01));
+    path.pre_contact_T_WT = path.contact_T_WT * Eigen::Translation3d(0.3, 0, 0);
+    path.retreat_T_WT = path.contact_T_WT * Eigen::Translation3d(0.6, 0, 0);
+    target.approaches = {path, path};
+    found_.targets = {target};
+    options_.approaches = folder_.path() / "list";
+  }
+
+  nlohmann::json shown(const std::string& tool = "long_saw") {
+    fs::create_directories(folder_.path() / "list");
+    io::writeApproaches(folder_.path() / "list", found_, {tool});
+    page_ = io::writeHtmlReport(folder_.path() / "x.html", folder_.path() / "field", options_);
+    return factsOf(folder_.path() / "x.html").at("approaches").at("targets");
+  }
+
+  test::ScratchFolder folder_;
+  Approaches found_;
+  io::HtmlReportOptions options_;
+  io::HtmlReport page_;
+};
+
+TEST_F(ReportApproaches, PosesAreThoseOfTheLibrary) {
+  const nlohmann::json target = shown().at(0);
+  EXPECT_TRUE(page_.warnings.empty() || page_.warnings[0].first.rfind("approaches.", 0) != 0);
+  EXPECT_EQ(target.at("point"), 7);
+  EXPECT_EQ(target.at("tool"), 0);
+  EXPECT_EQ(target.at("approaches").size(), 2u);
+  const ApproachPath& path = found_.targets[0].approaches[0];
+  for (const auto& [name, T_WT] : {std::pair{"pre_contact", path.pre_contact_T_WT},
+                                   {"contact", path.contact_T_WT},
+                                   {"retreat", path.retreat_T_WT}}) {
+    const auto n = target.at("approaches").at(1).at(name).get<std::vector<double>>();
+    EXPECT_EQ(Eigen::Vector3d(n[0], n[1], n[2]), Eigen::Vector3d(T_WT.translation())) << name;
+    // Of the quaternion, which both sides may scale to length 1.
+    EXPECT_TRUE(Eigen::Quaterniond(n[3], n[4], n[5], n[6]).toRotationMatrix().isApprox(T_WT.linear(), 1e-14)) << name;
+  }
+  const std::string before = textOf(folder_.path() / "x.html");
+  (void)shown();
+  EXPECT_EQ(textOf(folder_.path() / "x.html"), before);
+}
+
+TEST_F(ReportApproaches, OfAnotherToolAreSaidToBe) {
+  EXPECT_TRUE(shown("saw").at(0).at("tool").is_null());
+  ASSERT_FALSE(page_.warnings.empty());
+  EXPECT_EQ(page_.warnings[0].first, "approaches.tool");
+}
+
+TEST_F(ReportApproaches, OfAnotherMapLeaveNoPage) {
+  found_.targets[0].point = 8;
+  try {
+    (void)shown();
+    FAIL();
+  } catch (const UnusableInput& error) {
+    EXPECT_EQ(error.id(), "approaches.other_map");
+  }
+  found_.targets[0].point = 7;
+  found_.targets[0].approaches[1].retreat_T_WT.translation().x() = std::nan("");
+  EXPECT_THROW((void)shown(), InputError);
+  EXPECT_FALSE(fs::exists(folder_.path() / "x.html"));
 }
 
 }  // namespace

@@ -72,6 +72,13 @@ function fillTargets(facts, chosen) {
   return buttons;
 }
 
+// Scrolls the list alone: on a narrow screen the picture must stay in view.
+function showInList(button) {
+  const list = byId("targets"), at = button.getBoundingClientRect(), frame = list.getBoundingClientRect();
+  if (at.top < frame.top) list.scrollTop += at.top - frame.top;
+  else if (at.bottom > frame.bottom) list.scrollTop += at.bottom - frame.bottom;
+}
+
 // The numbers of targets in the picture. Where two would overlap, the better one stays.
 class Pins {
   constructor(targets, anchor_W, chosen) {

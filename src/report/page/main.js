@@ -351,7 +351,7 @@ class Report {
     const inside = tool ? this.placeTool(tool, frameOfPose(at), this.localOf(at.slice(0, 3))) : 0;
     this.painter.marked = inside;
     this.target_buttons[number].setAttribute("aria-current", "true");
-    this.target_buttons[number].scrollIntoView({block: "nearest"});
+    showInList(this.target_buttons[number]);
     fillApproachCard(byId("card"), {facts: this.facts, number, way, pose, tool, inside, close: () => this.select(-1),
                                     show: (other_way, other_pose) => this.showApproach(number, other_way, other_pose)});
     this.painter.uploadMarks();
