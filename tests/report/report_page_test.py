@@ -553,6 +553,23 @@ class ReportPage(unittest.TestCase):
         self.browser.wait_for("location.hash.includes('target=1&approach=0&pose=contact')")
         self.assert_silent()
 
+    def test_numbers_in_the_picture_do_not_hide_each_other(self):
+        points = stored_field.random_points(2000)
+        points["label"], points["reason"], points["score"] = 1, 0, 0
+        folder = stored_field.write_field(self.root / "crowded", points)
+        targets = [stored_field.target_at(row, points["position"][row], [[1, 0, 0, 0]]) for row in range(300)]
+        self.show(self.make(folder, "--approaches", stored_field.write_approaches(self.root / "crowd", targets)))
+        pins = np.array(self.browser.evaluate(
+            "[...document.querySelectorAll('.pin')].filter((p) => !p.hidden).map((p) => { const r = p.getBoundingClientRect();"
+            " return [Number(p.textContent), r.left, r.right, r.top, r.bottom]; })"))
+        self.assertEqual(pins[0, 0], 0, "the best one is seen")
+        self.assertGreater(len(pins), 30)
+        self.assertLess(pins[:, 0].max(), 200)
+        self.assertGreater(pins[:, 0].max(), 99)
+        for n, (_, left, right, top, bottom) in enumerate(pins):
+            apart = (pins[:, 1] >= right) | (pins[:, 2] <= left) | (pins[:, 3] >= bottom) | (pins[:, 4] <= top)
+            self.assertEqual(np.flatnonzero(~apart).tolist(), [n])
+
     def test_an_arrow_for_each_approach(self):
         points, folder, targets, _ = self.field_with_targets("arrows")
         approaches = stored_field.write_approaches(self.root / "approaches_drawn", targets)

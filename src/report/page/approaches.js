@@ -11,7 +11,8 @@ const POSES = [
 const CONTACT = 1;
 // More numbers in the picture would hide it; the list has all targets.
 const MOST_PINS = 200;
-const PIN_PX = 22;
+const PIN_HEIGHT_PX = 21;
+const pinWidth_px = (number) => 14 + 8 * String(number).length;
 
 // The axes of the tool. @param pose  seven numbers: the place, then a unit quaternion, w first
 function frameOfPose(pose) {
@@ -98,10 +99,11 @@ class Pins {
     const order = [...this.pins.keys()].sort((a, b) => Number(b === current) - Number(a === current));
     for (const n of order) {
       const {button, place} = this.pins[n], at = camera.toPixels(place);
-      button.hidden = !at || taken.some(([x, y]) => Math.hypot(x - at[0], y - at[1]) < PIN_PX);
+      button.hidden = !at || taken.some(([x, y, width_px]) => Math.abs(x - at[0]) < (width_px + pinWidth_px(n)) / 2 &&
+                                          Math.abs(y - at[1]) < PIN_HEIGHT_PX);
       button.setAttribute("aria-current", String(n === current));
       if (button.hidden) continue;
-      taken.push(at);
+      taken.push([...at, pinWidth_px(n)]);
       button.style.left = `${at[0]}px`;
       button.style.top = `${at[1]}px`;
     }
