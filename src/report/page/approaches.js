@@ -52,9 +52,9 @@ function fillTargets(facts, chosen) {
   const {targets, accessible_points, covered_points} = facts.approaches;
   const names = new Set(targets.map(({tool_name}) => tool_name)), values = new Set(targets.map(({value}) => value));
   const buttons = targets.map((target, n) => {
-    const others = target.approaches.length - 1;
+    const ways = target.approaches.length;
     const more = [
-      others === 0 ? "one approach" : `${others + 1} approaches`,
+      ways === 1 ? "one approach" : `${ways} approaches`,
       ...(names.size > 1 ? [target.tool_name] : []),
       ...(values.size > 1 ? [target.value === null ? "no value" : `value ${target.value}`] : []),
       ...(target.covers_points > 0 ? [`covers ${grouped(target.covers_points)} points`] : []),

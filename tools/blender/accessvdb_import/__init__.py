@@ -3,7 +3,8 @@
 """Blender add-on: opens the output folder of `accessvdb map`, and places the tool at one of its points or approaches.
 
 File > Import > Accessibility field (AccessVDB), Object > Place tool at point (AccessVDB), and Object > Place tool at
-approach (AccessVDB). See README.md next to this folder. Written for Blender 3.4 and later; differences between versions are checked where they matter.
+approach (AccessVDB). See README.md next to this folder. Written for Blender 3.4 and later; differences between versions
+are checked where they matter.
 """
 
 bl_info = {

@@ -19,7 +19,8 @@ class OBJECT_OT_accessvdb_place_approach(ToolChoice, bpy.types.Operator):
     bl_label = "Place tool at approach"
     bl_options = {"REGISTER", "UNDO"}
 
-    target: IntProperty(name="Target", default=-1, min=-1, description="As in approaches.csv; -1: that of the selected arrow")
+    target: IntProperty(name="Target", default=-1, min=-1,
+                        description="As in approaches.csv; -1: that of the selected arrow")
     approach: IntProperty(name="Approach", default=0, min=0,
                           description="Of the target, the first is 0; with target -1 that of the selected arrow")
     pose: EnumProperty(name="Pose", default="contact", items=(
@@ -41,7 +42,8 @@ class OBJECT_OT_accessvdb_place_approach(ToolChoice, bpy.types.Operator):
             if target is None:
                 raise FieldError(f"There is no target {number} here. Choose one of {', '.join(map(str, targets))}")
             if way >= len(target.approaches):
-                raise FieldError(f"Target {number} has no approach {way}: it has {len(target.approaches)}, counted from 0")
+                raise FieldError(f"Target {number} has no approach {way}: it has {len(target.approaches)}, counted from "
+                                 "0")
             matrix_L = target.approaches[way][self.pose].copy()
             matrix_L[:3, 3] -= points.origin_W
             mesh = self.mesh_of(field, lambda: tool_index(points, target.tool))
@@ -80,12 +82,13 @@ def _values(thing, name):
 
 def _selected_arrow(thing):
     if thing.type != "MESH" or TARGET not in thing.data.attributes or APPROACH not in thing.data.attributes:
-        raise FieldError("No approach is chosen. Enter the target's number, or select a vertex of an arrow in edit mode")
+        raise FieldError("No approach is chosen. Enter the target's number, or select a vertex of an arrow in edit "
+                         "mode")
     selected = selected_vertices(thing)
     arrows = {pair for pair, chosen in zip(zip(_values(thing, TARGET), _values(thing, APPROACH)), selected) if chosen}
     if len(arrows) != 1:
-        raise FieldError(f"Vertices of {len(arrows)} arrows are selected. Select those of one in edit mode, or enter the "
-                         "target's number")
+        raise FieldError(f"Vertices of {len(arrows)} arrows are selected. Select those of one in edit mode, or enter "
+                         "the target's number")
     return arrows.pop()
 
 

@@ -15,6 +15,7 @@ from .tool_frame import rotation_of
 FILE = "approaches.json"
 POSES = ("pre_contact", "contact", "retreat")
 _ADVICE = "Use the file as accessvdb approaches wrote it"
+_WHICH = "Choose the output folder of accessvdb approaches"
 _SAME_PLACE_M = 1e-6  # both files have positions as doubles, to the last digit
 _LONGEST_WAY_M = 1000.0  # of one tool's way
 _LONGEST_NAME = 32
@@ -22,7 +23,8 @@ _LONGEST_NAME = 32
 
 @dataclass
 class Target:
-    """A point to go to; `approaches` has (4, 4) matrices for each way in, world from tool: name of the pose to matrix."""
+    """A point to go to. For each way in, `approaches` has the names of its poses and their (4, 4) matrices, world from
+    tool."""
 
     number: int
     point: int
@@ -41,9 +43,11 @@ class Target:
 
 
 def read_targets(path):
-    """The targets of an approaches.json, or of the folder with it. Raises FieldError for any other file, numbers that are
-    not finite, and orientations that are not unit quaternions."""
+    """The targets of an approaches.json, or of the folder with it. Raises FieldError for any other file, numbers that
+    are not finite, and orientations that are not unit quaternions."""
     path = os.path.join(path, FILE) if os.path.isdir(path) else path
+    if not os.path.isfile(path):
+        raise FieldError(f"{path}: there is no such file. {_WHICH}")
     try:
         with open(path, encoding="utf-8") as stream:
             content = json.load(stream)
@@ -51,7 +55,7 @@ def read_targets(path):
         if not isinstance(targets, list):
             raise TypeError
     except OSError as error:
-        raise FieldError(f"{path}: {error.strerror or error}. Choose the output folder of accessvdb approaches") from None
+        raise FieldError(f"{path}: {error.strerror or error}. {_WHICH}") from None
     except (ValueError, KeyError, TypeError):
         raise FieldError(f"{path}: is no list of approaches. {_ADVICE}") from None
     return [_target(number, target, path) for number, target in enumerate(targets)]
@@ -60,8 +64,8 @@ def read_targets(path):
 def of_another_map(target, path):
     """FieldError about a target that is no point of the field."""
     place = " ".join(f"{value:.3f}" for value in target.position_W)
-    return FieldError(f"{path}: is of another map: target {target.number} is point {target.point} at {place}, which the "
-                      "field does not have. Run accessvdb approaches on the checkpoint of this map")
+    return FieldError(f"{path}: is of another map: target {target.number} is point {target.point} at {place}, which "
+                      "the field does not have. Run accessvdb approaches on the checkpoint of this map")
 
 
 def tool_index(points, name):
@@ -70,8 +74,8 @@ def tool_index(points, name):
     if not names:
         names = [_name_of_only_tool(points.comments.get("tool", ""))]
     if name not in names:
-        raise FieldError(f"The approach is for the tool {name}, which is none of the run: {', '.join(names)}. Choose its mesh, "
-                         "with its unit, tip, axis and up")
+        raise FieldError(f"The approach is for the tool {name}, which is none of the run: {', '.join(names)}. Choose its "
+                         "mesh, with its unit, tip, axis and up")
     return names.index(name)
 
 
