@@ -50,15 +50,19 @@ void putPoint(char* to, SurfacePoint point, const OutgoingFrame& frame) {
   put(to, 24, point.confidence);
 }
 
+void putHeader(CdrWriter& message, std::int64_t stamp_ns, const OutgoingFrame& frame) {
+  constexpr std::int64_t kNanoseconds = 1'000'000'000;
+  message.number(static_cast<std::int32_t>(stamp_ns / kNanoseconds));
+  message.number(static_cast<std::uint32_t>(stamp_ns % kNanoseconds));
+  message.text(frame.name);
+}
+
 template <typename PointAt>
 std::string cloud(std::size_t count, const PointAt& pointAt, std::int64_t stamp_ns, const OutgoingFrame& frame) {
   const std::size_t point_bytes = kPointBytes + (frame.several_tools ? kToolBytes : 0);
   const std::span<const Field> fields(kFields, std::size(kFields) - (frame.several_tools ? 0 : 1));
-  constexpr std::int64_t kNanoseconds = 1'000'000'000;
   CdrWriter message;
-  message.number(static_cast<std::int32_t>(stamp_ns / kNanoseconds));
-  message.number(static_cast<std::uint32_t>(stamp_ns % kNanoseconds));
-  message.text(frame.name);
+  putHeader(message, stamp_ns, frame);
   message.number(std::uint32_t{1});  // height
   message.number(static_cast<std::uint32_t>(count));
   message.number(static_cast<std::uint32_t>(fields.size()));
@@ -87,6 +91,21 @@ std::string cloudMessage(const SurfacePoints& points, std::int64_t stamp_ns, con
 std::string cloudMessage(std::span<const SurfacePoint> points, std::int64_t stamp_ns, const OutgoingFrame& frame) {
   return cloud(
       points.size(), [&](std::size_t n) -> const SurfacePoint& { return points[n]; }, stamp_ns, frame);
+}
+
+std::string posesMessage(std::span<const Eigen::Isometry3d> T_WT, std::int64_t stamp_ns, const OutgoingFrame& frame) {
+  CdrWriter message;
+  putHeader(message, stamp_ns, frame);
+  message.number(static_cast<std::uint32_t>(T_WT.size()));
+  for (const Eigen::Isometry3d& pose_W : T_WT) {
+    Eigen::Isometry3d pose = pose_W;
+    if (frame.R_L_W) pose.prerotate(frame.R_L_W->transpose());
+    const Eigen::Quaterniond q(pose.linear());
+    for (const double number :
+         {pose.translation().x(), pose.translation().y(), pose.translation().z(), q.x(), q.y(), q.z(), q.w()})
+      message.number(number);
+  }
+  return message.take();
 }
 
 std::string textMessage(const std::string& text) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -29,6 +30,10 @@ struct OutgoingFrame {
 /// sensor_msgs/PointCloud2 with x y z rgb id label reason score confidence dx dy dz, and tools if there are several.
 [[nodiscard]] std::string cloudMessage(const SurfacePoints& points, std::int64_t stamp_ns, const OutgoingFrame& frame);
 [[nodiscard]] std::string cloudMessage(std::span<const SurfacePoint> points, std::int64_t stamp_ns,
+                                       const OutgoingFrame& frame);
+
+/// geometry_msgs/PoseArray
+[[nodiscard]] std::string posesMessage(std::span<const Eigen::Isometry3d> T_WT, std::int64_t stamp_ns,
                                        const OutgoingFrame& frame);
 
 /// std_msgs/String

@@ -30,6 +30,7 @@ namespace fast = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
 
 constexpr const char* kCloudType = "sensor_msgs::msg::dds_::PointCloud2_";
+constexpr const char* kPosesType = "geometry_msgs::msg::dds_::PoseArray_";
 constexpr const char* kTextType = "std_msgs::msg::dds_::String_";
 /// Odometry has about 700 bytes, and two names of up to 256.
 constexpr std::uint32_t kMostPoseBytes = 16U << 10;
@@ -98,6 +99,7 @@ struct Participant::Impl {
     writers[0] = writer(Output::Points, kCloudType, /*latched=*/true, 1);
     writers[1] = writer(Output::Changes, kCloudType, /*latched=*/false, 16);
     writers[2] = writer(Output::Status, kTextType, /*latched=*/true, 8);  // answers take up to 7
+    writers[3] = writer(Output::Approaches, kPosesType, /*latched=*/true, 1);
   }
 
   [[noreturn]] void fail(const std::string& problem) const {

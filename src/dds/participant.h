@@ -54,8 +54,9 @@ struct TopicState {
 enum class Input { Clouds, Poses, Transforms, FixedTransforms, Imu, Commands };
 inline constexpr int kNumInputs = 6;
 
-enum class Output { Points, Changes, Status };
-inline constexpr const char* kOutputTopics[] = {"/accessvdb/points", "/accessvdb/changes", "/accessvdb/status"};
+enum class Output { Points, Changes, Status, Approaches };
+inline constexpr const char* kOutputTopics[] = {"/accessvdb/points", "/accessvdb/changes", "/accessvdb/status",
+                                                "/accessvdb/approaches"};
 
 /// "Fast DDS 2.9.1"
 [[nodiscard]] std::string middleware();

@@ -26,6 +26,44 @@ TEST(LiveMessages, NamesAreThoseOfRos) {
   EXPECT_EQ(ddsTopic("/livox/lidar"), "rt/livox/lidar");
 }
 
+/// Read as ROS 2 lays it out, by offset: numbers are aligned to their size from the fifth byte on.
+TEST(LiveMessages, PublishedPosesAreAPoseArray) {
+  Eigen::Isometry3d T_WT = Eigen::Isometry3d::Identity();
+  T_WT.translation() = Eigen::Vector3d(1, 2, 3);
+  T_WT.linear() = Eigen::AngleAxisd(0.5, Eigen::Vector3d(1, 2, 2) / 3).toRotationMatrix();
+  const Eigen::Matrix3d R_L_W = Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  for (const char* frame : {"odom", "a_longer_frame"}) {
+    for (const bool level : {false, true}) {
+      const std::vector<Eigen::Isometry3d> poses = {Eigen::Isometry3d::Identity(), T_WT};
+      const OutgoingFrame outgoing = {frame, level ? std::optional(R_L_W) : std::nullopt};
+      const std::string cdr = posesMessage(poses, 1'700'000'000'123'456'789, outgoing);
+      std::size_t at = 4;
+      const auto read = [&](auto value) {
+        at += (sizeof value - (at - 4) % sizeof value) % sizeof value;
+        std::memcpy(&value, cdr.data() + at, sizeof value);
+        at += sizeof value;
+        return value;
+      };
+      EXPECT_EQ(read(std::int32_t{}), 1'700'000'000);
+      EXPECT_EQ(read(std::uint32_t{}), 123'456'789U);
+      const auto length = read(std::uint32_t{});
+      EXPECT_EQ(cdr.substr(at, length - 1), frame);
+      at += length;
+      ASSERT_EQ(read(std::uint32_t{}), 2U);
+      for (const Eigen::Isometry3d& pose : poses) {
+        Eigen::Vector3d p;
+        for (int axis = 0; axis < 3; ++axis) p[axis] = read(double{});
+        Eigen::Quaterniond q;
+        for (int n = 0; n < 4; ++n) q.coeffs()[n] = read(double{});  // x y z w
+        const Eigen::Matrix3d back = level ? Eigen::Matrix3d(R_L_W.transpose()) : Eigen::Matrix3d::Identity();
+        EXPECT_LT((p - back * pose.translation()).norm(), 1e-12);
+        EXPECT_LT((q.toRotationMatrix() - back * pose.linear()).norm(), 1e-12);
+      }
+      EXPECT_EQ(at, cdr.size());
+    }
+  }
+}
+
 /// What is published is a cloud for whoever reads clouds of ROS 2; the fields beside x, y and z are read by offset
 /// here, and by Cyclone DDS in the tests of the program.
 TEST(LiveMessages, PublishedCloudsAreCloudsOfRos) {

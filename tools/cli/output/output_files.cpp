@@ -193,6 +193,7 @@ bool isOwn(const fs::path& output) {
   }
   if (kind == ".tif") return (begins("II*") || begins("II+")) && has("AccessVDB ");
   if (kind == ".mcap") return begins("\x89MCAP0\r\n") && begins("AccessVDB ", 25);
+  if (kind == ".bt") return begins("# Octomap OcTree binary file\n# AccessVDB ");
   if (kind == ".gpkg") return begins("SQLite format 3") && has("accessible points, written by AccessVDB");
   if (kind == ".csv") return begins(io::kTableBegin) || begins("target,approach,point,");
   if (kind == ".md")

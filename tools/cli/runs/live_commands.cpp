@@ -15,7 +15,8 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::array<const char*, 6> kNames = {"save", "checkpoint", "reset", "remove", "pause", "resume"};
+constexpr std::array<const char*, 7> kNames = {"save",  "checkpoint", "reset",     "remove",
+                                               "pause", "resume",     "approaches"};
 constexpr std::size_t kMostWaiting = 100, kMostWords = 300;
 /// While so many answers have not been published, what comes is only counted.
 constexpr std::size_t kMostUnpublished = 200;
@@ -63,6 +64,36 @@ std::optional<std::string> readBox(const Json& message, LiveCommand& command) {
   return std::nullopt;
 }
 
+/// @return what is wrong with it; nothing if it was read
+std::optional<std::string> readApproach(const Json& message, LiveCommand& command) {
+  constexpr double kMost = 1000, kWithin_m = 10;
+  ApproachOptions& options = command.approach;
+  const auto number = [&](const char* name, double most) -> std::optional<double> {
+    const auto found = message.find(name);
+    if (found == message.end() || !found->is_number()) return std::nullopt;
+    const auto value = found->get<double>();
+    return value > 0 && value <= most ? std::optional(value) : std::nullopt;
+  };
+  if (message.contains("most")) {
+    const auto most = number("most", kMost);
+    if (!most || *most < 1) return "\"most\" must be a number from 1 to 1000";
+    options.most = static_cast<std::size_t>(*most);
+  }
+  if (const auto from = message.find("from"); from != message.end()) {
+    const bool fits = from->is_array() && from->size() == 3 &&
+                      std::all_of(from->begin(), from->end(), [](const Json& value) { return value.is_number(); });
+    if (!fits) return "\"from\" must be three numbers: x, y, z in metres";
+    options.from_W = Eigen::Vector3d((*from)[0].get<double>(), (*from)[1].get<double>(), (*from)[2].get<double>());
+    options.within_m = kWithin_m;
+  }
+  if (message.contains("within")) {
+    const auto within_m = number("within", 1e6);
+    if (!within_m || !options.from_W) return "\"within\" must be metres, with \"from\"";
+    options.within_m = *within_m;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 void LiveCommands::receive(const std::string& text) {
@@ -79,10 +110,11 @@ void LiveCommands::receive(const std::string& text) {
     refused.command = printable(word->get<std::string>().substr(0, 40));
     const auto known = std::find(kNames.begin(), kNames.end(), word->get<std::string>());
     if (known == kNames.end()) {
-      refused.words = "is not known; there are save, checkpoint, reset, remove, pause and resume";
+      refused.words = "is not known; there are save, checkpoint, reset, remove, pause, resume and approaches";
     } else {
       command.kind = static_cast<LiveCommandKind>(known - kNames.begin());
       if (command.kind == LiveCommandKind::Remove) refused.words = readBox(message, command).value_or("");
+      if (command.kind == LiveCommandKind::Approaches) refused.words = readApproach(message, command).value_or("");
     }
   }
   const std::scoped_lock locked(lock_);

@@ -13,18 +13,20 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/approaches.h"
 #include "accessvdb/region.h"
 #include "output/report.h"
 
 namespace accessvdb::tools {
 
-enum class LiveCommandKind { Save, Checkpoint, Reset, Remove, Pause, Resume };
+enum class LiveCommandKind { Save, Checkpoint, Reset, Remove, Pause, Resume, Approaches };
 
 struct LiveCommand {
   LiveCommandKind kind = LiveCommandKind::Save;
   std::string id = "null";                                                           ///< as JSON
   Eigen::Vector3d min_W = Eigen::Vector3d::Zero(), max_W = Eigen::Vector3d::Zero();  ///< of Remove
   RemovedAs removed_as = RemovedAs::Unknown;
+  ApproachOptions approach = {};  ///< of Approaches
 };
 
 class LiveCommands {

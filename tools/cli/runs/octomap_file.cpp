@@ -13,6 +13,7 @@
 #include <ostream>
 #include <set>
 
+#include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/known_leaves.h"
 
@@ -54,20 +55,13 @@ class LeafAndNext {
   std::array<const KnownLeaf*, 8> leaves_ = {};
 };
 
-/// The world's origin in voxels from the map's. @throws UnusableInput
-std::array<std::int64_t, 3> originInVoxels(const AccessibilityField& field, double voxel_m) {
-  constexpr double kSlack = 1e-3;  // of a voxel: what an origin in doubles loses in far coordinates
-  std::array<std::int64_t, 3> voxels = {};
-  for (int axis = 0; axis < 3; ++axis) {
-    const double at = field.origin_W()[axis] / voxel_m;
-    if (!(std::abs(at - std::round(at)) <= kSlack)) {
-      throw UnusableInput("octomap.origin", "",
-                          "the map's origin is not a multiple of its voxels, and OctoMap's cells are",
-                          "Map again with an --origin that is, or without one");
-    }
-    voxels[static_cast<std::size_t>(axis)] = std::llround(at);
-  }
-  return voxels;
+/// OctoMap's own writer says on stderr what it does, and has no room for a mark.
+void writeTree(const octomap::OcTree& tree, std::ostream& out) {
+  char resolution[32];
+  std::snprintf(resolution, sizeof resolution, "%.17g", tree.getResolution());
+  out << "# Octomap OcTree binary file\n# AccessVDB " ACCESSVDB_VERSION "\nid " << tree.getTreeType()
+      << "\nsize " << tree.size() << "\nres " << resolution << "\ndata\n";
+  tree.writeBinaryData(out);
 }
 
 }  // namespace
@@ -76,7 +70,10 @@ void requireOctomap(const std::string&) {}
 
 PreparedFile octomapFile(const std::filesystem::path& file, const AccessibilityField& field) {
   const double voxel_m = field.params().tsdf.voxel_size_m;
-  const std::array<std::int64_t, 3> origin = originInVoxels(field, voxel_m);
+  // Of the world's origin, in voxels: the map's origin is a multiple of them.
+  std::array<std::int64_t, 3> origin = {};
+  for (int axis = 0; axis < 3; ++axis)
+    origin[static_cast<std::size_t>(axis)] = std::llround(field.origin_W()[axis] / voxel_m);
   std::map<Place, KnownLeaf> leaves;
   std::set<Place> places;  // of cells, also those half a voxel before the first voxels of a leaf
   forEachKnownLeaf(field, [&](const KnownLeaf& leaf) {
@@ -117,7 +114,7 @@ PreparedFile octomapFile(const std::filesystem::path& file, const AccessibilityF
     }
   }
   return {file, std::to_string(count_occupied) + " occupied and " + std::to_string(count_free) + " free cells",
-          [tree](std::ostream& out) { tree->writeBinaryConst(out); }};
+          [tree](std::ostream& out) { writeTree(*tree, out); }};
 }
 
 }  // namespace accessvdb::tools

@@ -16,8 +16,7 @@ void requireOctomap(const std::string& flag);
 
 /// Cells as large as voxels, at multiples of their size, which is half a voxel beside the voxels: a cell is occupied if
 /// any voxel that it overlaps collides, free if all of them were seen to be free, else unknown.
-/// @throws UnusableInput "octomap.origin" if voxels are not so; ResourceLimit "octomap.range" beyond OctoMap's 2^15
-/// cells from the origin of the world frame
+/// @throws ResourceLimit "octomap.range" beyond OctoMap's 2^15 cells from the origin of the world frame
 [[nodiscard]] PreparedFile octomapFile(const std::filesystem::path& file, const AccessibilityField& field);
 
 }  // namespace accessvdb::tools

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "accessvdb/approaches.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/live_session.h"
@@ -348,6 +349,16 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       showPoints(removal.changed);
       return "removed " + std::to_string(removal.removal.voxels) + " voxels and " +
              std::to_string(removal.removal.points) + " points as " + name(removal.removal.as);
+    }
+    case LiveCommandKind::Approaches: {
+      if (session.rolling() != nullptr) refuse("cannot be done with --rolling");
+      const Approaches found = approaches(session.field(), command.approach);
+      std::vector<Eigen::Isometry3d> T_WT;
+      for (const ApproachTarget& target : found.targets) T_WT.push_back(target.approaches.front().contact_T_WT);
+      participant.publish(dds::Output::Approaches, dds::posesMessage(T_WT, last_stamp_ns_, outgoing(session)));
+      return std::to_string(T_WT.size()) + " poses in contact on " +
+             dds::kOutputTopics[static_cast<int>(dds::Output::Approaches)] + ", the best first" +
+             (found.targets.empty() ? "" : ": " + found.targets.front().why);
     }
     case LiveCommandKind::Pause:
     case LiveCommandKind::Resume:

@@ -81,7 +81,7 @@ void makeApproachesTable(TableContext& context);
 /// What approaches() proposes with these options, judged by the exact scene.
 void addApproachRow(TableContext& context, const AccessibilityField& field,
                     const std::shared_ptr<const sim::SignedDistance>& distance, const std::string& scene,
-                    const ApproachOptions& options);
+                    const ApproachOptions& options, double least_contact_percent);
 
 // table_of_plans.cpp: ways to approaches, planned with OMPL. @throws InvalidArgument "evaluate.ompl" without it
 void makePlansTable(TableContext& context);

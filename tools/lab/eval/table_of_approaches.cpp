@@ -25,8 +25,14 @@ struct Judged {
 
 class Judge {
  public:
+  /// With ten times as many samples as the truth of labels, and the same share of them as its limit: in a crown, two
+  /// sets of its samples agree about 96 % of the poses only.
   Judge(std::shared_ptr<const sim::SignedDistance> distance, const ToolGeometry& tool, const TruthOptions& options)
-      : distance_(std::move(distance)), tool_(tool), options_(options) {}
+      : distance_(std::move(distance)), tool_(tool), options_(options) {
+    constexpr int kTimes = 10;
+    options_.surface_samples *= kTimes;
+    options_.collision_limit *= kTimes;
+  }
 
   /// In contact: as the truth of labels, with room around the tool.
   void contact(const Eigen::Isometry3d& T_WT, double margin_m, Judged& judged) const {
@@ -60,7 +66,7 @@ class Judge {
 
 void addApproachRow(TableContext& context, const AccessibilityField& field,
                     const std::shared_ptr<const sim::SignedDistance>& distance, const std::string& scene,
-                    const ApproachOptions& options) {
+                    const ApproachOptions& options, double least_contact_percent) {
   const double v = field.params().tsdf.voxel_size_m;
   const bool allow_unknown = options.allow_unknown;
   const Approaches found = approaches(field, options);
@@ -87,7 +93,7 @@ void addApproachRow(TableContext& context, const AccessibilityField& field,
       {"before_and_after_free_percent", apart.percent()},
       {"covered_percent",
        found.accessible > 0 ? 100 * static_cast<double>(found.covered) / static_cast<double>(found.accessible) : 0}};
-  row.must_hold = contact.free == contact.poses && apart.free == apart.poses;
+  row.must_hold = contact.percent() >= least_contact_percent && apart.free == apart.poses;
   context.rows.push_back(row);
   char line[240];
   std::snprintf(
@@ -123,7 +129,8 @@ void makeApproachesTable(TableContext& context) {
                      {.most = 0,
                       .spacing_m = 10 * request.voxel_size_m,
                       .stand_off_m = 10 * request.voxel_size_m,
-                      .allow_unknown = allow_unknown});
+                      .allow_unknown = allow_unknown},
+                     100);
     }
   }
 }

@@ -29,7 +29,6 @@ void makePlansTable(TableContext&) {
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <cstdio>
 #include <limits>
 #include <memory>
@@ -333,7 +332,7 @@ void makeRowOfBenchmark(TableContext& context, const char* name) {
 }
 
 void makeRowsOfPine(TableContext& context) {
-  const double kVoxel_m = getenv("PV") ? atof(getenv("PV")) : 0.05;
+  constexpr double kVoxel_m = 0.05;
   constexpr int kFrames = 1200;  // ten a second, at 1 m/s
   const Observer& observer = context.options.observer;
   sim::PineParams pine;
@@ -367,7 +366,7 @@ void makeRowsOfPine(TableContext& context) {
   observer.say("scoring");
   (void)field.update();
   for (const bool allow_unknown : {false, true})
-    addApproachRow(context, field, tree.distance, "pine", {.most = 100, .each = 1, .allow_unknown = allow_unknown});
+    addApproachRow(context, field, tree.distance, "pine", {.most = 100, .each = 1, .allow_unknown = allow_unknown}, 98);
   addPlanRow(context, field, scene);
 }
 
