@@ -38,6 +38,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/params.h"
 #include "accessvdb/pose_query.h"
+#include "accessvdb/tool_spec.h"
 
 namespace accessvdb {
 

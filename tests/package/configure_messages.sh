@@ -42,6 +42,9 @@ configure 1 "ACCESSVDB_DDS is ON, but Fast DDS 2.6 or later was not found. On De
   -DACCESSVDB_DDS=ON -DCMAKE_DISABLE_FIND_PACKAGE_fastrtps=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_GDAL is ON, but gdal.h was not found. On Debian and Ubuntu: apt install libgdal-dev" \
   -DACCESSVDB_GDAL=ON -DCMAKE_IGNORE_PATH=/usr/include/gdal -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+configure 1 "ACCESSVDB_OMPL is 'MAYBE'. Use AUTO (if OMPL is found), ON or OFF." -DACCESSVDB_OMPL=MAYBE -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+configure 1 "ACCESSVDB_OMPL is ON, but ompl/base/StateSpace.h or its library was not found. On Debian and Ubuntu: apt install libompl-dev" \
+  -DACCESSVDB_OMPL=ON -DCMAKE_IGNORE_PATH=/usr/include/ompl-1.5 -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_CUDA is 'MAYBE'. Use AUTO (if nvcc is found), ON or OFF." -DACCESSVDB_CUDA=MAYBE -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_PYTHON is 'MAYBE'. Use AUTO" -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF -DACCESSVDB_PYTHON=MAYBE
 configure 1 "(nvcc and its static runtime) was not found. Install NVIDIA's CUDA toolkit" -DACCESSVDB_CUDA=ON -DACCESSVDB_PCL=OFF

@@ -24,6 +24,14 @@ namespace {
 
 using namespace test::ball_world;
 
+Eigen::Isometry3d evenlyBetween(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to, double t) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() =
+      Eigen::Quaterniond(from.linear()).slerp(t, Eigen::Quaterniond(to.linear())).normalized().toRotationMatrix();
+  T.translation() = (1 - t) * from.translation() + t * to.translation();
+  return T;
+}
+
 TEST(PoseFits, AgreesWithExactDistances) {
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pruner");
   AccessibilityField field = ballField(tool);
@@ -191,6 +199,57 @@ TEST(PoseFits, AlongAWayIsWhatItIsAtItsPoses) {
   EXPECT_FALSE(query.fitsAlong(endless).valid);
   EXPECT_FALSE(query.fitsAlong({}).valid);
   EXPECT_FALSE(query.fitsAlong({}).free());
+}
+
+TEST(PoseFits, UnknownSpaceEndsAWayWhereItIs) {
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
+  AccessibilityField field = ballField(tool);
+  const PoseQuery query = field.poseQuery();
+  Random random;
+  std::size_t by_unknown = 0, by_collision = 0, through = 0, nowhere = 0;
+  for (int n = 0; n < 400; ++n) {
+    const Eigen::Isometry3d from = random.pose(0.7, 1.5);
+    Eigen::Isometry3d to = random.pose(0.7, 2.5);
+    if (n % 3 == 0) to = evenlyBetween(from, to, 0.2);
+    const std::vector<Eigen::Isometry3d> ends = {from, to};
+    const PathFitAnswer answer = query.fitsAlong(ends, {.unknown_blocks = true});
+    const PathFitAnswer plain = query.fitsAlong(ends);
+    ASSERT_TRUE(answer.valid);
+    EXPECT_EQ(answer.free(), plain.free());
+    // Its own tries, one by one: where all is free up to fits_until, and not at the next.
+    const Eigen::AngleAxisd turn(from.linear().transpose() * to.linear());
+    const double moved_m = (to.translation() - from.translation()).norm() + std::abs(turn.angle()) * tool.reach_m();
+    const int tries = std::max(1, static_cast<int>(std::ceil(2 * moved_m / kVoxel_m)));
+    std::vector<Eigen::Isometry3d> poses;
+    for (int k = 0; k <= tries; ++k) poses.push_back(k == tries ? to : evenlyBetween(from, to, double(k) / tries));
+    const std::vector<FitAnswer> each = query.fits(poses);
+    const auto ends_at = static_cast<int>(
+        std::find_if(each.begin(), each.end(), [](const FitAnswer& a) { return !a.free(); }) - each.begin());
+    if (ends_at == 0) {
+      EXPECT_TRUE(std::isnan(answer.fits_until)) << n;
+      ++nowhere;
+    } else {
+      EXPECT_NEAR(answer.fits_until, (ends_at - 1.0) / tries, 1e-12) << n;
+    }
+    if (ends_at > tries) {
+      EXPECT_TRUE(answer.free()) << n;
+      ++through;
+      continue;
+    }
+    const FitAnswer& last = each[static_cast<std::size_t>(ends_at)];
+    EXPECT_EQ(answer.collision, last.collision()) << n;
+    EXPECT_EQ(answer.unknown, last.unknown()) << n;
+    if (answer.collision) {
+      EXPECT_NEAR(answer.first_hit, double(ends_at) / tries, 1e-12) << n;
+    } else {
+      EXPECT_TRUE(std::isnan(answer.first_hit)) << n;
+    }
+    ++(last.collision() ? by_collision : by_unknown);
+  }
+  EXPECT_GT(by_unknown, 10U);
+  EXPECT_GT(by_collision, 10U);
+  EXPECT_GT(through, 10U);
+  EXPECT_GT(nowhere, 5U);
 }
 
 TEST(PoseFits, NoBadPoseIsFree) {

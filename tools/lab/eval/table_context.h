@@ -83,6 +83,8 @@ void addApproachRow(TableContext& context, const AccessibilityField& field,
                     const std::shared_ptr<const sim::SignedDistance>& distance, const std::string& scene,
                     const ApproachOptions& options, double least_contact_percent);
 
+// table_of_fits.cpp: whether a tool fits at any pose.
+void makeFitsTable(TableContext& context);
 // table_of_plans.cpp: ways to approaches, planned with OMPL. @throws InvalidArgument "evaluate.ompl" without it
 void makePlansTable(TableContext& context);
 

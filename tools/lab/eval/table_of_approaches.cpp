@@ -93,7 +93,7 @@ void addApproachRow(TableContext& context, const AccessibilityField& field,
       {"before_and_after_free_percent", apart.percent()},
       {"covered_percent",
        found.accessible > 0 ? 100 * static_cast<double>(found.covered) / static_cast<double>(found.accessible) : 0}};
-  row.must_hold = contact.percent() >= least_contact_percent && apart.free == apart.poses;
+  row.must_hold = 100 * contact.free >= least_contact_percent * contact.poses && apart.free == apart.poses;
   context.rows.push_back(row);
   char line[240];
   std::snprintf(

@@ -30,7 +30,6 @@ void makePlansTable(TableContext&) {
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <memory>
 #include <numbers>
 #include <optional>
@@ -41,10 +40,9 @@ void makePlansTable(TableContext&) {
 
 #include "accessvdb/ompl.h"
 #include "accessvdb/tool_spec.h"
+#include "eval/action_scenes.h"
 #include "eval/collision_field.h"
 #include "eval/tool_samples.h"
-#include "sim/pine.h"
-#include "sim/simulator.h"
 
 namespace accessvdb::eval {
 namespace {
@@ -181,14 +179,6 @@ class ExactSearch {
   std::unordered_map<std::uint64_t, bool> free_;
 };
 
-struct PlannedScene {
-  std::string name;
-  std::shared_ptr<const sim::SignedDistance> distance;
-  Eigen::AlignedBox3d box_W;
-  Eigen::Vector3d start_W;                ///< a pose of the sensor
-  double spacing_m = 0, stand_off_m = 0;  ///< as ApproachOptions
-};
-
 std::optional<Eigen::Isometry3d> startPose(const AccessibilityField& field, const Eigen::Vector3d& start_W) {
   std::vector<Eigen::Isometry3d> poses(kYaws, Eigen::Isometry3d::Identity());
   for (int n = 0; n < kYaws; ++n) {
@@ -251,7 +241,8 @@ bool touchesScene(const ExactTool& tool, const std::vector<Eigen::Isometry3d>& w
   return false;
 }
 
-void addPlanRow(TableContext& context, const AccessibilityField& field, const PlannedScene& scene) {
+void addPlanRow(TableContext& context, const ActionScene& scene) {
+  const AccessibilityField& field = scene.field;
   const FieldParams params = field.params();
   const double v = params.tsdf.voxel_size_m;
   const CollisionField exact_scene(scene.distance, scene.box_W, std::max(v, 0.005));
@@ -307,75 +298,19 @@ void addPlanRow(TableContext& context, const AccessibilityField& field, const Pl
   context.options.observer.say(line);
 }
 
-void makeRowOfBenchmark(TableContext& context, const char* name) {
-  const ToolGeometry pencil = ToolGeometry::builtin("builtin:pencil");
-  ScanRequest request;
-  request.scene = name;
-  request.voxel_size_m = 0.005;
-  const std::shared_ptr<const StoredScans> scans = context.scans.get(request);
-  FieldParams params;
-  params.tsdf.voxel_size_m = request.voxel_size_m;
-  params.tsdf.range_noise_m = 0;
-  params.tsdf.clear_rays_m = std::numeric_limits<double>::infinity();
-  params.tsdf.platform_radius_m = pencil.reach_m() + 0.05;  // what carried the sensor
-  params.backend = context.options.backend;
-  params.threads = context.options.threads;
-  AccessibilityField field(pencil, params);
-  context.device = field.deviceName();
-  for (const StoredFrame& frame : scans->frames) (void)field.integrateScan(frame.hits_S, frame.T_W_S);
-  (void)field.update();
-  PlannedScene scene = {name, scans->benchmark.scene.distance, {}, scans->frames.front().T_W_S.translation()};
-  for (const StoredFrame& frame : scans->frames) scene.box_W.extend(frame.T_W_S.translation());
-  scene.box_W = Eigen::AlignedBox3d(scene.box_W.min().array() - 0.1, scene.box_W.max().array() + 0.1);
-  scene.spacing_m = scene.stand_off_m = 10 * request.voxel_size_m;
-  addPlanRow(context, field, scene);
-}
-
-void makeRowsOfPine(TableContext& context) {
-  constexpr double kVoxel_m = 0.05;
-  constexpr int kFrames = 1200;  // ten a second, at 1 m/s
-  const Observer& observer = context.options.observer;
-  sim::PineParams pine;
-  observer.say("growing a pine");
-  const sim::Scene tree = sim::makePine(pine);
-  sim::Helix shape;
-  shape.centre_W = tree.centre_W;
-  shape.radius_m = 4.5;
-  shape.height_begin_m = 1 - tree.centre_W.z();
-  shape.height_end_m = pine.height_m - tree.centre_W.z();
-  shape.azimuth_end_rad = 4 * 2 * std::numbers::pi;
-  const sim::Simulator simulator(tree, sim::LidarModel::named("mid360"), sim::helix(shape, kFrames), 1);
-  FieldParams params;
-  params.tsdf.voxel_size_m = kVoxel_m;
-  params.tsdf.range_noise_m = 0;
-  params.tsdf.clear_rays_m = 20;
-  params.tsdf.platform_radius_m = 0.6;
-  params.backend = context.options.backend;
-  params.threads = context.options.threads;
-  AccessibilityField field(withMargins({{ToolGeometry::builtin("builtin:pruner")}}, {kVoxel_m, 2 * kVoxel_m}), params);
-  context.device = field.deviceName();
-  PlannedScene scene = {"pine", tree.distance, {}, {}};
-  for (int n = 0; n < simulator.frames(); ++n) {
-    observer.checkStop();
-    const sim::SimulatedFrame frame = simulator.frame(n);
-    if (n == 0) scene.start_W = frame.T_W_S.translation();
-    scene.box_W.extend(frame.T_W_S.translation());
-    (void)field.integrateScan(frame.points_S, frame.T_W_S);
-  }
-  scene.box_W = Eigen::AlignedBox3d(scene.box_W.min().array() - 0.5, scene.box_W.max().array() + 0.5);
-  observer.say("scoring");
-  (void)field.update();
-  for (const bool allow_unknown : {false, true})
-    addApproachRow(context, field, tree.distance, "pine", {.most = 100, .each = 1, .allow_unknown = allow_unknown}, 98);
-  addPlanRow(context, field, scene);
-}
-
 }  // namespace
 
 void makePlansTable(TableContext& context) {
   ompl::msg::setLogLevel(ompl::msg::LOG_NONE);
-  for (const char* name : {"torus", "table_underside"}) makeRowOfBenchmark(context, name);
-  makeRowsOfPine(context);
+  for (const char* name : kActionScenes) {
+    const ActionScene scene = makeActionScene(context, name);
+    addPlanRow(context, scene);
+    if (scene.name != "pine") continue;  // the others are in the table of approaches
+    for (const bool allow_unknown : {false, true}) {
+      addApproachRow(context, scene.field, scene.distance, scene.name,
+                     {.most = 100, .each = 1, .allow_unknown = allow_unknown}, 98);
+    }
+  }
 }
 
 }  // namespace accessvdb::eval

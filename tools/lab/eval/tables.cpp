@@ -41,6 +41,7 @@ constexpr Table kTables[] = {
     {"projective", true, makeProjectiveTable},
     {"change", false, makeChangeTable},
     {"gone", false, makeGoneTable},
+    {"fits", false, makeFitsTable},
     {"plans", false, makePlansTable},
     {"pine", false, makePineTable},
     {"pine_forms", false, makePineFormTable},
