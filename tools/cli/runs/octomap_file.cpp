@@ -59,8 +59,8 @@ class LeafAndNext {
 void writeTree(const octomap::OcTree& tree, std::ostream& out) {
   char resolution[32];
   std::snprintf(resolution, sizeof resolution, "%.17g", tree.getResolution());
-  out << "# Octomap OcTree binary file\n# AccessVDB " ACCESSVDB_VERSION "\nid " << tree.getTreeType()
-      << "\nsize " << tree.size() << "\nres " << resolution << "\ndata\n";
+  out << "# Octomap OcTree binary file\n# AccessVDB " ACCESSVDB_VERSION "\nid " << tree.getTreeType() << "\nsize "
+      << tree.size() << "\nres " << resolution << "\ndata\n";
   tree.writeBinaryData(out);
 }
 
