@@ -200,7 +200,7 @@ struct Participant::Impl {
   fast::DomainParticipant* participant = nullptr;
   fast::Publisher* publisher = nullptr;
   fast::Subscriber* subscriber = nullptr;
-  std::array<fast::DataWriter*, 3> writers = {};
+  std::array<fast::DataWriter*, std::size(kOutputTopics)> writers = {};
   bool stopped = false;
 };
 

@@ -126,6 +126,44 @@ TEST_F(LiveCommandsDds, WhatIsNoneIsRefusedAndChangesNothing) {
   expectLabelsOfMap();
 }
 
+/// Asked for, the best approaches come as poses; those of the state that is left at the same moment.
+TEST_F(LiveCommandsDds, ApproachesComeAsPoses) {
+  simulate(20);
+  const std::vector<std::string> lines = {
+      R"({"id":%d,"command":"approaches","most":0})", R"({"id":%d,"command":"approaches","from":[1,2]})",
+      R"({"id":%d,"command":"approaches","within":5})",
+      R"({"id":%d,"command":"approaches","most":4,"allow_unknown":true})", R"({"id":%d,"command":"checkpoint"})"};
+  const ProgramResult result = live(
+      {"(" + commands(lines, "rate=2 pause_s=6 poses='" + path("poses") + "'") + ") & " + peer("rate=10") + "; wait"},
+      {"--checkpoint", path("checkpoint"), "--clear-rays", "20", "--platform-radius", "0.4"});
+  EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
+  const std::map<int, Answer> got = answers();
+  ASSERT_EQ(got.size(), lines.size()) << readText("peers");
+  for (const int refused : {0, 1, 2}) EXPECT_FALSE(got.at(refused).said["done"].get<bool>()) << refused;
+  EXPECT_TRUE(got.at(3).said["done"].get<bool>()) << got.at(3).said;
+  const ProgramResult again = runProgram({"approaches", "--map", path("checkpoint"), "--tool", "builtin:pruner",
+                                          "--most", "4", "--allow-unknown", "--device", "cpu", "--json"});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  const json found = json::parse(again.out);
+  std::istringstream poses(readText("poses"));
+  std::string frame, stamp;
+  poses >> frame >> stamp;
+  EXPECT_FALSE(frame.empty());
+  ASSERT_GT(found["targets"].size(), 0U) << again.out;
+  for (const json& target : found["targets"]) {
+    const json& contact = target["approaches"][0]["contact"];
+    double p[3], q[4];
+    for (double& number : p) ASSERT_TRUE(poses >> number);
+    for (double& number : q) ASSERT_TRUE(poses >> number);
+    for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(p[axis], contact["position"][axis].get<double>(), 1e-9);
+    double dot = 0;
+    for (std::size_t n = 0; n < 4; ++n) dot += q[n] * contact["orientation_wxyz"][(n + 1) % 4].get<double>();
+    EXPECT_NEAR(std::abs(dot), 1, 1e-9);
+  }
+  std::string more;
+  EXPECT_FALSE(poses >> more);
+}
+
 /// Refused before the domain is joined.
 TEST_F(LiveCommandsDds, AFileOfOthersInThePlaceOfAnyOutputIsKept) {
   fs::create_directories(path("out"));

@@ -3,6 +3,8 @@
 /// Free space that rays and the platform make known: labels follow it, and it takes nothing away.
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <limits>
@@ -13,6 +15,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/batch_query.h"
 #include "accessvdb/error.h"
+#include "accessvdb/scan_io.h"
 #include "support/scratch_folder.h"
 #include "support/walk_generator.h"
 
@@ -160,6 +163,26 @@ TEST(ClearRays, AreRefusedWhereTheyWouldBeWrong) {
   FieldParams projective = paramsOf(0, 0.3);
   projective.tsdf.region = UpdateRegion::Projective;
   EXPECT_EQ(subjectOf(projective), "clear_rays_m");
+}
+
+/// A recording of others: what carried the sensor is at none of its places unknown, or in anything's way.
+TEST(ClearRays, TheSensorsOwnPlacesAreFree) {
+  const char* given = std::getenv("ACCESSVDB_TEST_DATA");
+  const std::filesystem::path folder =
+      std::filesystem::path(given != nullptr ? given : ACCESSVDB_SOURCE_DIR "/../shared/data") / "scans_poses_balm";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no test data: " << folder;
+  auto scans = io::ScanSequence::open({.scans = folder, .poses = folder / "poses_tum.txt"});
+  FieldParams params = paramsOf(20, 0.4);
+  params.tsdf.min_range_m = 0;
+  AccessibilityField field(ToolGeometry::builtin("builtin:pruner"), params);
+  std::vector<CapsuleQuery> places;
+  for (std::size_t step = 0; step < scans.size(); ++step) {
+    const io::ScanRecord scan = scans.read(step);
+    field.integrateScan(scan.points_S, scan.T_W_S);
+    places.push_back({scan.T_W_S.translation(), scan.T_W_S.translation(), 0.35});
+  }
+  ASSERT_EQ(places.size(), 12U);
+  for (const CapsuleAnswer& answer : field.batchQuery().along(places)) EXPECT_TRUE(answer.free());
 }
 
 }  // namespace

@@ -71,6 +71,18 @@ class Query(unittest.TestCase):
         self.assertFalse(bad.valid.any() or bad.free.any())
         way = self.field.fits_along(np.stack([T_WT[0], into[0]]))
         self.assertTrue(way.valid and way.collision and 0 <= way.first_hit < 1 and not way.free)
+        self.assertTrue(np.isnan(way.fits_until) == (way.first_hit == 0))
+        far = T_WT[:1].copy()
+        far[:, :3, 3] += 30 * s.direction_W[accessible][:1]  # nobody saw what is there
+        on = np.concatenate([into[:1], far])
+        self.assertTrue(self.field.fits_along(on).collision)
+        out = np.concatenate([T_WT[:1], far])
+        out[0, :3, 3] += 0.3 * s.direction_W[accessible][0]
+        ended = self.field.fits_along(out, unknown_blocks=True)
+        self.assertTrue(ended.valid and ended.unknown and not ended.collision and not ended.free)
+        self.assertTrue(np.isnan(ended.first_hit))
+        self.assertTrue(np.isnan(ended.fits_until) or 0 <= ended.fits_until < 1)
+        self.assertEqual(self.field.fits_along(out).fits_until, 1)
         self.assertEqual(len(self.field.fits(np.empty((0, 4, 4)))), 0)
         for wrong in (np.eye(4), np.zeros((2, 3, 4)), "no"):
             with self.assertRaises(accessvdb.InvalidArgument):

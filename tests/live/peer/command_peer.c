@@ -3,10 +3,11 @@
  *
  * Somebody who commands a live map, over Cyclone DDS, and waits for its answers.
  *
- *   live_command_peer domain=N commands=FILE answers=FILE [rate=HZ] [wait_s=S] [pause_s=S]
+ *   live_command_peer domain=N commands=FILE answers=FILE [rate=HZ] [wait_s=S] [pause_s=S] [poses=FILE]
  *
  * FILE: a command per line. The n-th, from 0, has n as its id if it contains "%d". Writes "n ms answer" for each id
- * that was answered, and at the end "sent N, answered N". */
+ * that was answered, and at the end "sent N, answered N". poses: the last array of poses that came, its frame and then
+ * "x y z qx qy qz qw" for each. */
 #include <dds/dds.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -57,6 +58,32 @@ static void listenFor(dds_entity_t status, int sent, dds_duration_t time) {
   for (const dds_time_t end = dds_time() + time; dds_time() < end; dds_sleepfor(DDS_MSECS(2))) listen(status, sent);
 }
 
+static void writePoses(dds_entity_t reader, const char* name) {
+  FILE* out = fopen(name, "w");
+  if (out == NULL) {
+    perror("poses");
+    exit(1);
+  }
+  void* sample = NULL;
+  dds_sample_info_t info;
+  while (dds_take(reader, &sample, &info, 1, 1) > 0) {
+    const geometry_msgs_msg_dds__PoseArray_* array = sample;
+    if (info.valid_data) {
+      rewind(out);
+      fprintf(out, "%s %d.%09u\n", array->header.frame_id, (int)array->header.stamp.sec,
+              (unsigned)array->header.stamp.nanosec);
+      for (unsigned n = 0; n < array->poses._length; ++n) {
+        const geometry_msgs_msg_dds__Pose_* pose = &array->poses._buffer[n];
+        fprintf(out, "%.17g %.17g %.17g %.17g %.17g %.17g %.17g\n", pose->position.x, pose->position.y,
+                pose->position.z, pose->orientation.x, pose->orientation.y, pose->orientation.z, pose->orientation.w);
+      }
+    }
+    dds_return_loan(reader, &sample, 1);
+    sample = NULL;
+  }
+  fclose(out);
+}
+
 int main(int argc, char** argv) {
   FILE* file = fopen(word(argc, argv, "commands", ""), "r");
   if (file == NULL) {
@@ -80,6 +107,11 @@ int main(int argc, char** argv) {
   const dds_entity_t status = dds_create_reader(participant, from, qos, NULL);
   check(writer, "writer");
   check(status, "reader");
+  const dds_entity_t approaches =
+      dds_create_topic(participant, &geometry_msgs_msg_dds__PoseArray__desc, "rt/accessvdb/approaches", NULL, NULL);
+  check(approaches, "topic");
+  const dds_entity_t poses = dds_create_reader(participant, approaches, qos, NULL);
+  check(poses, "reader");
   dds_publication_matched_status_t matched;
   for (int tries = 0; tries < 1500; ++tries) {
     check(dds_get_publication_matched_status(writer, &matched), "matched");
@@ -122,6 +154,8 @@ int main(int argc, char** argv) {
     fprintf(out, "%d %.1f %s\n", n, (double)(answered_at[n] - sent_at[n]) / 1e6, answers[n]);
   }
   fclose(out);
+  const char* const poses_file = word(argc, argv, "poses", "");
+  if (poses_file[0] != '\0') writePoses(poses, poses_file);
   printf("sent %d, answered %d\n", sent, answered);
   check(dds_delete(participant), "end");
   return 0;

@@ -91,6 +91,10 @@ std::optional<std::string> readApproach(const Json& message, LiveCommand& comman
     if (!within_m || !options.from_W) return "\"within\" must be metres, with \"from\"";
     options.within_m = *within_m;
   }
+  if (const auto unknown = message.find("allow_unknown"); unknown != message.end()) {
+    if (!unknown->is_boolean()) return "\"allow_unknown\" must be true or false";
+    options.allow_unknown = unknown->get<bool>();
+  }
   return std::nullopt;
 }
 
