@@ -52,6 +52,7 @@ try:
         Region,
         Removal,
         RollingField,
+        ScanAgreement,
         ScanRecord,
         ScanSequence,
         ScoringParams,

@@ -725,6 +725,29 @@ class ScanSequence:
     def paths(self) -> List[str]: ...
     @property
     def recorded_range_noise_m(self) -> Optional[float]: ...
+    def agreement(self, range_noise_m: float = ...) -> ScanAgreement:
+        """Reads a few scans of the whole sequence and compares them, as the program does before it maps."""
+
+@final
+class ScanAgreement:
+    """Whether scans agree about what is where: wrong poses make a wrong map."""
+
+    @property
+    def verdict(self) -> Literal["not_measured", "usual", "doubtful", "disagree"]: ...
+    @property
+    def why_not(self) -> str: ...
+    @property
+    def share(self) -> float: ...
+    @property
+    def scans(self) -> int: ...
+    @property
+    def outliers(self) -> List[str]: ...
+    @property
+    def fault(self) -> Optional[str]:
+        """How the poses seem to be wrong: "inverse", "quaternion_w_first", "turned", ..."""
+    @property
+    def fault_value(self) -> float:
+        """turned: degrees; time_offset: seconds to add; unit: factor for the positions of the poses."""
 
 @final
 class LiveStep:

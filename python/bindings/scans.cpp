@@ -9,6 +9,7 @@
 #include <mutex>
 #include <optional>
 
+#include "accessvdb/program/scan_agreement.h"
 #include "accessvdb/scan_io.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
@@ -40,7 +41,9 @@ namespace {
 struct LockedScans {
   std::mutex turn;
   io::ScanSequence scans;
-  explicit LockedScans(io::ScanSequence&& opened) : scans(std::move(opened)) {}
+  std::optional<Eigen::Isometry3d> T_B_S;
+  LockedScans(io::ScanSequence&& opened, const io::ScanInputOptions& options)
+      : scans(std::move(opened)), T_B_S(options.T_B_S) {}
 };
 
 std::unique_ptr<LockedScans> openScans(
@@ -86,7 +89,7 @@ std::unique_ptr<LockedScans> openScans(
   options.match = settingFrom<io::Match>("match", match);
   options.max_gap_s = numberFrom("max_gap_s", max_gap_s);
   if (!ray_W.is_none()) options.ray_W = vector3("ray_W", ray_W);
-  return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
+  return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options), options); });
 }
 
 /// Python's convention: -1 is the last one.
@@ -100,6 +103,37 @@ std::shared_ptr<io::ScanRecord> readScan(LockedScans& s, std::int64_t step) {
     const std::scoped_lock turn(s.turn);
     return std::make_shared<io::ScanRecord>(s.scans.read(static_cast<std::size_t>(index)));
   });
+}
+
+io::ScanAgreement agreementOf(LockedScans& s, double range_noise_m) {
+  return withoutLock([&] {
+    const std::scoped_lock turn(s.turn);
+    return io::measureAgreement(s.scans, range_noise_m, s.T_B_S).measure();
+  });
+}
+
+void bindAgreement(py::module_& module) {
+  using A = io::ScanAgreement;
+  py::class_<A>(module, "ScanAgreement", "Whether scans agree about what is where: wrong poses make a wrong map.")
+      .def_property_readonly(
+          "verdict", [](const A& a) { return name(a.verdict); },
+          "\"not_measured\", \"usual\", \"doubtful\", \"disagree\".")
+      .def_readonly("why_not", &A::why_not, "Why it was not measured.")
+      .def_property_readonly(
+          "share", [](const A& a) { return a.counts.share(); },
+          "Of the returns about which another scan says something, those that lie where it has a surface.")
+      .def_readonly("scans", &A::scans, "How many were compared.")
+      .def_readonly("outliers", &A::outliers, "Scans that do not agree with the others, which do.")
+      .def_property_readonly(
+          "fault",
+          [](const A& a) -> std::optional<std::string> {
+            return a.cure ? std::optional<std::string>(name(a.cure->fault)) : std::nullopt;
+          },
+          "How the poses seem to be wrong, or None: \"inverse\", \"quaternion_w_first\", \"quaternion_w_last\", "
+          "\"inverse_extrinsic\", \"turned\", \"in_world\", \"time_offset\", \"unit\".")
+      .def_property_readonly(
+          "fault_value", [](const A& a) { return a.cure ? a.cure->value : 0; },
+          "turned: degrees; time_offset: seconds to add; unit: factor for the positions of the poses.");
 }
 
 template <typename Scalar>
@@ -147,6 +181,7 @@ void bindRecord(py::module_& module) {
 
 void bindScans(py::module_& module) {
   bindRecord(module);
+  bindAgreement(module);
   py::class_<LockedScans>(module, "ScanSequence", "Scans with their poses, in order; files are read on demand.")
       .def(py::init(&openScans), py::arg("scans"), py::arg("poses") = py::none(), py::kw_only(),
            py::arg("pose_format") = "auto", py::arg("calib") = py::none(), py::arg("sensor_at_W") = py::none(),
@@ -167,6 +202,8 @@ void bindScans(py::module_& module) {
            "rays are not known. match: auto, order, name or time. max_gap_s: the longest time without poses that is "
            "interpolated over. keep_noise: keep what is withheld, synthetic or noise in LAS. carry: names of what "
            "the returns carry, such as classification or tree_id.")
+      .def("agreement", &agreementOf, py::arg("range_noise_m") = 0.0,
+           "Reads a few scans of the whole sequence and compares them, as the program does before it maps.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",

@@ -129,6 +129,29 @@ class Files(unittest.TestCase):
                 self.field.write(self.folder / "never", **bad)
         self.assertFalse((self.folder / "never").exists())
 
+    def test_scans_that_agree_and_poses_that_are_inverse(self):
+        folder = self.folder / "agreeing"
+        make = [os.environ["MAKE_SAMPLE_SCANS"], "--out", folder, "--frames", "12", "--rays", "6000"]
+        subprocess.run(make, check=True, stdout=subprocess.PIPE)
+        good = accessvdb.ScanSequence(folder, folder / "poses.txt").agreement()
+        self.assertEqual((good.verdict, good.fault, good.scans, good.outliers), ("usual", None, 12, []))
+        self.assertGreater(good.share, 0.97)
+        lines = []
+        for line in (folder / "poses.txt").read_text().splitlines():
+            if line.startswith("#"):
+                continue
+            stamp, *numbers = line.split()
+            x, y, z, qx, qy, qz, qw = map(float, numbers)
+            v, p = np.array([-qx, -qy, -qz]), -np.array([x, y, z])
+            p = p + 2 * np.cross(v, np.cross(v, p) + qw * p)
+            lines.append(" ".join(map(repr, [float(stamp), *p.tolist(), *v.tolist(), qw])))
+        (folder / "inverse.txt").write_text("\n".join(lines) + "\n")
+        bad = accessvdb.ScanSequence(folder, folder / "inverse.txt").agreement()
+        self.assertEqual((bad.verdict, bad.fault), ("disagree", "inverse"))
+        one = accessvdb.ScanSequence(folder / "000000.pcd", sensor_at_W=(1, 2, 3)).agreement()
+        self.assertEqual(one.verdict, "not_measured")
+        self.assertTrue(one.why_not)
+
     def test_scans(self):
         scans_folder = self.folder / "scans"
         subprocess.run(

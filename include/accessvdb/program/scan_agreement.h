@@ -61,6 +61,14 @@ enum class PoseFault : std::uint8_t {
   Unit               ///< positions of the poses are in another unit than the scans
 };
 
+/// "none", "quaternion_w_first", "quaternion_w_last", "inverse", "inverse_extrinsic", "turned", "in_world",
+/// "time_offset", "unit"
+constexpr const char* name(PoseFault fault) {
+  constexpr const char* kNames[] = {"none",   "quaternion_w_first", "quaternion_w_last", "inverse", "inverse_extrinsic",
+                                    "turned", "in_world",           "time_offset",       "unit"};
+  return kNames[static_cast<int>(fault)];
+}
+
 /// A change of the poses with which the scans agree better.
 struct PoseCure {
   PoseFault fault = PoseFault::None;
@@ -136,5 +144,9 @@ class ACCESSVDB_API AgreementMeter {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// Reads a few scans of the whole sequence. @param range_noise_m, T_B_S  as for AgreementMeter
+[[nodiscard]] ACCESSVDB_API AgreementMeter measureAgreement(ScanSequence& scans, double range_noise_m,
+                                                            const std::optional<Eigen::Isometry3d>& T_B_S = {});
 
 }  // namespace accessvdb::io

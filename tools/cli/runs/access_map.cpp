@@ -83,6 +83,7 @@ void drawAccessMap(const AccessMapOptions& options, const Eigen::Vector3d& p_W, 
                      "has no surface point in its voxel", "Use the position of a point, as query --at prints it");
   }
   io::renderAccessMap(options.picture, *map);
+  messages.notice("wrote " + options.picture);
   Json json = jsonOfMap(*map);
   if (several) json["tool"] = field.tools()[chosen].name;
   const std::string heading = several ? "tool " + field.tools()[chosen].name + ": " : std::string();

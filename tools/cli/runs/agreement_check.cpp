@@ -13,20 +13,7 @@
 namespace accessvdb::tools {
 namespace {
 
-/// Places along the way, each with the scans that see it from a little further on.
-constexpr std::size_t kPlaces = io::AgreementMeter::kMostScans / 3;
 std::string percent(double share) { return numberText(std::floor(1000 * share) / 10) + " %"; }
-
-/// The first step after `from`, and before `end`, that is so much further on; else the last one.
-std::size_t stepFurtherOn(const io::ScanSequence& scans, std::size_t from, std::size_t end,
-                          const io::FurtherOn& further_on, double range_m) {
-  const auto begin = scans.givenPose(from);
-  for (std::size_t step = from + 1; begin && step < end; ++step) {
-    const auto pose = scans.givenPose(step);
-    if (pose && further_on.holds(*begin, *pose, range_m)) return step;
-  }
-  return end - 1;
-}
 
 struct Doubt {
   std::string problem, cure;
@@ -97,30 +84,6 @@ std::optional<std::string> tiltWarning(const io::ScanSequence& scans, const io::
 
 }  // namespace
 
-io::AgreementMeter measureAgreement(io::ScanSequence& scans, double range_noise_m,
-                                    const std::optional<Eigen::Isometry3d>& T_B_S) {
-  io::AgreementMeter meter(range_noise_m, T_B_S);
-  const std::size_t count = scans.size();
-  const auto add = [&](std::size_t step) {
-    meter.add(scans.read(step), [&scans, step](double shift_s) { return scans.givenPose(step, shift_s); });
-  };
-  if (count <= io::AgreementMeter::kMostScans) {
-    for (std::size_t step = 0; step < count; ++step) add(step);
-    return meter;
-  }
-  for (std::size_t place = 0; place < kPlaces; ++place) {
-    const std::size_t first = place * count / kPlaces, end = (place + 1) * count / kPlaces;
-    add(first);
-    std::size_t step = first;
-    for (const io::FurtherOn& further_on : {io::kALittleFurtherOn, io::kMuchFurtherOn}) {
-      step = std::max(step + 1, stepFurtherOn(scans, first, end, further_on, meter.medianRange_m()));
-      if (step >= end) break;
-      add(step);
-    }
-  }
-  return meter;
-}
-
 std::string agreementInWords(const io::ScanAgreement& agreement) {
   if (agreement.verdict == io::AgreementVerdict::NotMeasured)
     return "agreement of the scans: not measured (" + agreement.why_not + ")";
@@ -165,7 +128,7 @@ std::string cureInWords(const io::PoseCure& cure) {
 io::ScanAgreement checkAgreement(const MapOptions& options, double range_noise_m, io::ScanSequence& scans,
                                  Messages& messages) {
   const io::ScanInputOptions input = scanInputOptions(options);
-  const io::AgreementMeter meter = measureAgreement(scans, range_noise_m, input.T_B_S);
+  const io::AgreementMeter meter = io::measureAgreement(scans, range_noise_m, input.T_B_S);
   io::ScanAgreement agreement = meter.measure();
   messages.notice(agreementInWords(agreement));
   if (const auto tilt = tiltWarning(scans, meter, agreement, input.level.has_value()))

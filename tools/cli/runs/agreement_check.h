@@ -12,10 +12,6 @@
 
 namespace accessvdb::tools {
 
-/// Reads a few scans of the whole sequence.
-[[nodiscard]] io::AgreementMeter measureAgreement(io::ScanSequence& scans, double range_noise_m,
-                                                  const std::optional<Eigen::Isometry3d>& T_B_S);
-
 /// Measures, says it in one line, and warns where it is doubtful.
 /// @throws UnusableInput "poses.disagree", unless --allow-disagreement makes it a warning
 io::ScanAgreement checkAgreement(const MapOptions& options, double range_noise_m, io::ScanSequence& scans,

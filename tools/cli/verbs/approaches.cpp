@@ -110,8 +110,10 @@ int runApproaches(const Arguments& arguments, Messages& messages) {
   }
   std::string text;
   for (std::size_t n = 0; n < found.targets.size(); ++n) text += lineOf(found.targets[n], n, tools);
-  text += std::to_string(found.targets.size()) + " targets; " + std::to_string(found.covered) + " of " +
-          std::to_string(found.accessible) + " accessible points are nearer than the spacing to one that has a way\n";
+  text += std::to_string(found.targets.size()) + (found.targets.size() == 1 ? " target; " : " targets; ") +
+          std::to_string(found.covered) + " of " + std::to_string(found.accessible) +
+          " accessible points are nearer than the spacing to one" +
+          (found.targets.size() == options.most ? ", those that --most leaves out included\n" : "\n");
   printData(text);
   return 0;
 }

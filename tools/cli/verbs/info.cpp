@@ -1,14 +1,17 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb info: what is inside a .vdb file, an output folder or a recording.
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/program/recording_info.h"
+#include "accessvdb/saved_state.h"
 #include "accessvdb/tiles.h"
 #include "options/command_line.h"
 #include "options/options.h"
@@ -199,6 +202,57 @@ std::string wordsOfRecording(const io::RecordingSummary& recording) {
   return words;
 }
 
+/// What a later verb has to be told again, above all.
+Json describeState(const fs::path& file) {
+  const SavedState state = inspectState(file);
+  Json tools = Json::array();
+  for (const SavedState::Tool& tool : state.tools)
+    tools.push_back({{"name", tool.name},
+                     {"sha256", tool.sha256},
+                     {"orientations", tool.orientations},
+                     {"rolls", tool.rolls},
+                     {"max_collisions", tool.max_collisions}});
+  const FieldParams& params = state.params;
+  return {{"path", file.string()},
+          {"version", state.version},
+          {"scans", state.scans},
+          {"points", state.points},
+          {"leaves", state.leaves},
+          {"voxel_size_m", params.tsdf.voxel_size_m},
+          {"clear_rays_m", std::isfinite(params.tsdf.clear_rays_m) ? Json(params.tsdf.clear_rays_m) : Json("all")},
+          {"platform_radius_m", params.tsdf.platform_radius_m},
+          {"orientations", params.approach.orientations.text()},
+          {"tool_sha256", state.tool_sha256},
+          {"tools", tools}};
+}
+
+std::string wordsOfState(const Json& state) {
+  std::string words = text(state["path"]) + "\n  saved state of version " + text(state["version"]) + ": " +
+                      text(state["scans"]) + " scans, " + text(state["points"]) + " surface points, voxel " +
+                      numberText(state["voxel_size_m"].get<double>()) + " m\n  free space: ";
+  const bool cleared = state["clear_rays_m"] != 0.0, platform = state["platform_radius_m"] != 0.0;
+  if (cleared) words += "--clear-rays " + text(state["clear_rays_m"]);
+  if (platform) words += std::string(cleared ? " " : "") + "--platform-radius " + text(state["platform_radius_m"]);
+  words += cleared || platform ? "\n" : "only a band before surfaces\n";
+  if (state["tools"].empty()) {
+    words +=
+        "  one tool, SHA-256 " + text(state["tool_sha256"]) + ", orientations " + text(state["orientations"]) + "\n";
+  }
+  for (const Json& tool : state["tools"])
+    words += "  tool " + text(tool["name"]) + ": SHA-256 " + text(tool["sha256"]) + ", orientations " +
+             text(tool["orientations"]) + "\n";
+  return words;
+}
+
+/// The state that the folder of a checkpoint names; nothing where it is none.
+std::optional<fs::path> stateIn(const fs::path& folder) {
+  const Json manifest = Json::parse(io::contentAt(folder / "state.json"), nullptr, false);
+  if (!manifest.is_object() || !manifest.contains("generation") || !manifest["generation"].is_number_unsigned() ||
+      manifest["generation"] == 0)
+    return std::nullopt;
+  return folder / ("state-" + std::to_string(manifest["generation"].get<std::uint64_t>()) + ".avst");
+}
+
 }  // namespace
 
 int runInfo(const Arguments& arguments, Messages& messages) {
@@ -206,10 +260,13 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   std::string path;
   bool json = false;
   FlagParser flags;
-  flags.describe("info", "Shows what is inside a .vdb file, an output folder of accessvdb map, or a recording.",
-                 "accessvdb info out/ --json\n  accessvdb info flight.mcap");
+  flags.describe(
+      "info",
+      "Shows what is inside a .vdb file, an output folder of accessvdb map, a folder of map --checkpoint, or "
+      "a recording.",
+      "accessvdb info out/ --json\n  accessvdb info checkpoint/\n  accessvdb info flight.mcap");
   addCommonOptions(flags, common);
-  flags.option("path", &path, "FILE.vdb, DIR, or a recording (.mcap, .db3, .bag)");
+  flags.option("path", &path, "FILE.vdb, DIR, a state (.avst), or a recording (.mcap, .db3, .bag)");
   flags.flag("--json", json, "as JSON");
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
@@ -223,6 +280,12 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     for (const std::string& warning : recording.warnings) messages.warning("recording.cut_off", warning);
     result = describeRecording(recording);
     printData(json ? jsonText(result, 2) + "\n" : wordsOfRecording(recording));
+    return 0;
+  }
+  const bool is_state = fs::path(path).extension() == ".avst";
+  if (const auto state = io::isFolder(path) ? stateIn(path) : is_state ? std::optional(fs::path(path)) : std::nullopt) {
+    result = describeState(*state);
+    printData(json ? jsonText(result, 2) + "\n" : wordsOfState(result));
     return 0;
   }
   if (!io::isFolder(path)) {
@@ -249,8 +312,9 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     words += wordsOfVdb(result["files"].back());
   }
   if (words.empty()) {
-    throw InputError("input.no_field", path, "the folder contains neither field.vdb nor report.json",
-                     "Name the --out folder of accessvdb map, or a .vdb file");
+    throw InputError("input.no_field", path, "the folder contains neither field.vdb nor report.json, nor a state",
+                     "Name the --out or --checkpoint folder of accessvdb map, or a .vdb file; of scans, accessvdb "
+                     "advise tells more");
   }
   printData(json ? jsonText(result, 2) + "\n" : words);
   return 0;
