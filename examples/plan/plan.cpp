@@ -13,12 +13,15 @@
 #include <ompl/util/RandomNumbers.h>
 
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -39,12 +42,25 @@ using Space = std::shared_ptr<ompl::base::SE3StateSpace>;
 
 constexpr double kMostSeconds = 5;
 
+/// The one that state.json names; a run that was killed may have left others.
 fs::path stateIn(const fs::path& map) {
   if (!fs::is_directory(map)) return map;
-  for (const auto& entry : fs::directory_iterator(map))
-    if (entry.path().extension() == ".avst") return entry.path();
+  std::ifstream in(map / "state.json");
+  const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  const std::string key = "\"generation\":";
+  const std::size_t at = text.find(key);
+  const unsigned long number = at == std::string::npos ? 0 : std::strtoul(text.c_str() + at + key.size(), nullptr, 10);
+  if (number > 0) return map / ("state-" + std::to_string(number) + ".avst");
   throw accessvdb::InputError("example.map", map.string(), "holds no state",
                               "Run accessvdb map with --checkpoint, and name that folder");
+}
+
+double numberOf(const char* text) {
+  char* end = nullptr;
+  const double number = std::strtod(text, &end);
+  if (end == text || *end != '\0' || !(std::abs(number) < 1e7))
+    throw accessvdb::InvalidArgument("example.number", text, "is not a number of metres", "Write for example 1.5");
+  return number;
 }
 
 AccessibilityField load(const fs::path& map, const std::string& tool_name) {
@@ -140,15 +156,17 @@ void write(std::ostream& out, std::size_t target, const std::vector<Eigen::Isome
 int run(char** arguments) {
   ompl::msg::setLogLevel(ompl::msg::LOG_NONE);
   ompl::RNG::setSeed(1);  // the same plans each time, as far as the time allows
-  const Eigen::Vector3d start_W(std::strtod(arguments[3], nullptr), std::strtod(arguments[4], nullptr),
-                                std::strtod(arguments[5], nullptr));
+  const Eigen::Vector3d start_W(numberOf(arguments[3]), numberOf(arguments[4]), numberOf(arguments[5]));
+  const fs::path file = arguments[6];
+  if (fs::exists(file))
+    throw accessvdb::OutputError("example.exists", file.string(), "exists already", "Name a new file");
+  if (file.has_parent_path() && !fs::is_directory(file.parent_path()))
+    throw accessvdb::OutputError("example.folder", file.parent_path().string(), "is no folder", "Make it first");
   const AccessibilityField field = load(arguments[1], arguments[2]);
   const Space space = spaceOf(field, start_W);
   const Eigen::Isometry3d start_T_WT = startPose(field, start_W);
   const accessvdb::Approaches found = accessvdb::approaches(field, {.most = 10, .from_W = start_W});
-  if (fs::exists(arguments[6]))
-    throw accessvdb::OutputError("example.exists", arguments[6], "exists already", "Name a new file");
-  std::ofstream out(arguments[6]);
+  std::ostringstream out;
   out.precision(9);
   out << "target,x,y,z,qw,qx,qy,qz,contact\n";
   std::size_t planned = 0;
@@ -170,7 +188,12 @@ int run(char** arguments) {
     std::printf("%zu  point %u: %.2f m, %zu poses, %.2f s\n", n, target.point, lengthOf_m(way), way.size(),
                 seconds.count());
   }
-  if (!out.flush()) throw accessvdb::OutputError("example.write", arguments[6], "cannot be written");
+  std::ofstream written(file, std::ios::binary);
+  if (!(written << out.str()).flush()) {
+    written.close();
+    fs::remove(file);
+    throw accessvdb::OutputError("example.write", file.string(), "cannot be written", "Free some space");
+  }
   std::printf("%zu of %zu targets -> %s\n", planned, found.targets.size(), arguments[6]);
   return 0;
 }

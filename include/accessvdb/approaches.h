@@ -7,7 +7,8 @@
 ///
 /// Targets are accessible points, spread over the surface. An approach is a way in along the tool's body: from the
 /// pre-contact pose straight to contact, and back to the retreat pose. The way to contact was seen to be free, as
-/// PoseQuery::fits() judges, from where the tool no longer touches what it works on.
+/// PoseQuery::fits() judges, from where the tool no longer touches what it works on; nearer, nothing collides as where
+/// the field scores a point (FitOptions::contact), which takes unknown space for free.
 #pragma once
 
 #include <Eigen/Core>

@@ -12,7 +12,7 @@
 ///   space));
 ///
 /// A state is a pose T_WT of the tool: its tip is at the translation, its body extends along its x axis. What PoseQuery
-/// says decides: no voxel that the tool enters is missed.
+/// says decides: no voxel that the tool enters is missed, except by contact as PlanningOptions::contact_T_WT says.
 ///
 /// Threads  As OMPL asks: any number may use them at the same time.
 /// Validity Until the field next changes; after that they throw InvalidArgument "query.stale". Plan again then.
@@ -30,6 +30,7 @@
 #include <cmath>
 #include <cstddef>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -54,8 +55,9 @@ struct PlanningOptions {
   std::vector<BodyCapsule> body = {};  ///< moves with the tool, and never touches anything
   bool allow_unknown = false;          ///< through space that nothing is known of; else it is an obstacle
   /// Poses at which the tool touches what it works on, ApproachPath::contact_T_WT. They are reached straight along the
-  /// tool's body, and judged as where the field scores a point (FitOptions::contact), from where the tool comes within
-  /// ScoringParams::self_exclusion_voxels and two voxels of them. Without them, the tool touches nothing.
+  /// tool's body. From where the tool comes within ScoringParams::self_exclusion_voxels and two voxels of them, it is
+  /// judged as where the field scores a point, voxel by voxel of the way (FitOptions::contact), which takes unknown
+  /// space for free. Without them, the tool touches nothing. Of two on one line, only the outer one is reached.
   std::vector<Eigen::Isometry3d> contact_T_WT = {};
 };
 
@@ -97,10 +99,16 @@ class PlanningWorld {
           std::max({body_reach_m_, capsule.a_T.norm() + capsule.radius_m, capsule.b_T.norm() + capsule.radius_m});
     }
     for (const Eigen::Isometry3d& T_WT : options_.contact_T_WT) {
-      if (!T_WT.matrix().allFinite() || !T_WT.linear().isUnitary(1e-5))
+      if (!T_WT.matrix().allFinite() || !T_WT.linear().isUnitary(1e-5) || T_WT.linear().determinant() < 0)
         throw InvalidArgument("plan.options", "PlanningOptions::contact_T_WT", "has a pose that is not rigid");
-      // As where the field scores it: once, since planners ask again and again.
-      contact_fits_.push_back(!poses_.fits({&T_WT, 1}, {.tool = options_.tool, .contact = true})[0].collision());
+      // Once, since planners ask again and again.
+      std::vector<Eigen::Isometry3d> way_in;
+      for (double back_m = 0; back_m < contact_m_ + voxel_size_m_; back_m += voxel_size_m_) {
+        way_in.push_back(T_WT);
+        way_in.back().translation() += back_m * T_WT.linear().col(0);
+      }
+      contact_fits_.push_back(std::ranges::none_of(poses_.fits(way_in, {.tool = options_.tool, .contact = true}),
+                                                   [](const FitAnswer& answer) { return answer.collision(); }));
     }
   }
 
@@ -110,21 +118,28 @@ class PlanningWorld {
     return isFree(poses_.fits({&T_WT, 1}, {.tool = options_.tool})[0]);
   }
 
-  /// Evenly along the line, turning evenly about one axis, as SE3StateSpace does.
-  [[nodiscard]] bool fitsAlong(const Eigen::Isometry3d& from_T_WT, const Eigen::Isometry3d& to_T_WT) const {
-    return fitsUntil(from_T_WT, to_T_WT) == 1;
+  /// How far a way fits, 0 to 1 (all of it): from pose to pose evenly along the line, turning evenly about one axis, in
+  /// parts of equal length. The first pose is taken to fit. @param T_WT  at least two; turns of less than 180 degrees
+  [[nodiscard]] double fitsUntil(std::span<const Eigen::Isometry3d> T_WT) const {
+    const auto parts = static_cast<double>(T_WT.size() - 1);
+    for (std::size_t n = 0; n + 1 < T_WT.size(); ++n) {
+      const double of_body = bodyFitsUntil(T_WT[n], T_WT[n + 1]);
+      const double until = of_body == 0 ? 0 : std::min(of_body, toolFitsUntil(T_WT[n], T_WT[n + 1]));
+      if (until < 1) return (static_cast<double>(n) + until) / parts;
+    }
+    return 1;
   }
-  /// How far of that way fits, 0 to 1. The first pose is taken to fit.
-  [[nodiscard]] double fitsUntil(const Eigen::Isometry3d& from_T_WT, const Eigen::Isometry3d& to_T_WT) const {
-    const double of_body = bodyFitsUntil(from_T_WT, to_T_WT);
-    return of_body == 0 ? 0 : std::min(of_body, toolFitsUntil(from_T_WT, to_T_WT));
-  }
+  [[nodiscard]] bool fitsAlong(std::span<const Eigen::Isometry3d> T_WT) const { return fitsUntil(T_WT) == 1; }
   /// Some poses on the way: most ways that do not fit do not fit there, and are refused sooner.
-  [[nodiscard]] bool fitsHereAndThere(const Eigen::Isometry3d& from_T_WT, const Eigen::Isometry3d& to_T_WT) const {
-    if (contactAt(from_T_WT).is_on_line || contactAt(to_T_WT).is_on_line) return true;  // fitsAlong() sees to it
+  [[nodiscard]] bool fitsHereAndThere(std::span<const Eigen::Isometry3d> T_WT) const {
+    if (contactAt(T_WT.front()).is_on_line || contactAt(T_WT.back()).is_on_line) return true;  // fitsAlong() sees to it
     std::array<Eigen::Isometry3d, 7> some;
-    for (std::size_t n = 0; n < some.size(); ++n)
-      some[n] = between(from_T_WT, to_T_WT, static_cast<double>(n + 1) / static_cast<double>(some.size()));
+    const auto parts = static_cast<double>(T_WT.size() - 1);
+    for (std::size_t n = 0; n < some.size(); ++n) {
+      const double at = parts * static_cast<double>(n + 1) / static_cast<double>(some.size());
+      const auto part = std::min(static_cast<std::size_t>(at), T_WT.size() - 2);
+      some[n] = between(T_WT[part], T_WT[part + 1], at - static_cast<double>(part));
+    }
     std::array<FitAnswer, 7> answers;
     poses_.fits(some, answers, {.tool = options_.tool});
     return std::ranges::all_of(answers, [this](const FitAnswer& answer) { return isFree(answer); });
@@ -256,13 +271,12 @@ class FieldMotionChecker : public ompl::base::MotionValidator {
       : ompl::base::MotionValidator(space), world_(std::move(world)) {}
 
   bool checkMotion(const ompl::base::State* from, const ompl::base::State* to) const override {
-    const Eigen::Isometry3d from_T_WT = pose(from), to_T_WT = pose(to);
-    return counted(si_->satisfiesBounds(to) && world_->fitsHereAndThere(from_T_WT, to_T_WT) &&
-                   world_->fitsAlong(from_T_WT, to_T_WT));
+    const std::vector<Eigen::Isometry3d> way = wayOf(from, to);
+    return counted(si_->satisfiesBounds(to) && world_->fitsHereAndThere(way) && world_->fitsAlong(way));
   }
   bool checkMotion(const ompl::base::State* from, const ompl::base::State* to,
                    std::pair<ompl::base::State*, double>& last_valid) const override {
-    const double until = si_->satisfiesBounds(to) ? world_->fitsUntil(pose(from), pose(to)) : 0;
+    const double until = si_->satisfiesBounds(to) ? world_->fitsUntil(wayOf(from, to)) : 0;
     if (until == 1) return counted(true);
     last_valid.second = until;
     if (last_valid.first != nullptr) si_->getStateSpace()->interpolate(from, to, until, last_valid.first);
@@ -270,8 +284,26 @@ class FieldMotionChecker : public ompl::base::MotionValidator {
   }
 
  private:
-  static Eigen::Isometry3d pose(const ompl::base::State* state) {
+  static Eigen::Isometry3d poseAt(const ompl::base::State* state) {
     return poseOf(*state->as<ompl::base::SE3StateSpace::StateType>());
+  }
+  /// The space says which way round a turn goes, by the signs of its quaternions, which poses do not have.
+  std::vector<Eigen::Isometry3d> wayOf(const ompl::base::State* from, const ompl::base::State* to) const {
+    std::vector<Eigen::Isometry3d> way = {poseAt(from)};
+    constexpr double kClear_rad = 1.6;
+    const Eigen::Isometry3d end = poseAt(to);
+    const double turn_rad = Eigen::AngleAxisd(way.front().linear().transpose() * end.linear()).angle();
+    if (!(turn_rad < kClear_rad)) {
+      constexpr int kParts = 4;
+      ompl::base::State* const state = si_->allocState();
+      for (int n = 1; n < kParts; ++n) {
+        si_->getStateSpace()->interpolate(from, to, static_cast<double>(n) / kParts, state);
+        way.push_back(poseAt(state));
+      }
+      si_->freeState(state);
+    }
+    way.push_back(end);
+    return way;
   }
   bool counted(bool valid) const {  // as OMPL's own
     ++(valid ? valid_ : invalid_);

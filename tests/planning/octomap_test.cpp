@@ -56,7 +56,8 @@ TEST_F(OctomapExport, HasTheCellsThatTheVoxelsSay) {
   const AccessibilityField field = walkField({-3.2, 1.6, 0.8}, kVoxel_m);
   const ProgramResult result = run(field);
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  EXPECT_EQ(run(field).exit_code, 0);  // its own file is written again
+  EXPECT_EQ(result.err.find("accessvdb: wrote "), 0U) << result.err;  // OctoMap itself says nothing
+  EXPECT_EQ(run(field).exit_code, 0);                                 // its own file is written again
   const octomap::OcTree tree(path("map.bt"));
   EXPECT_EQ(tree.getResolution(), kVoxel_m);
   const DeviceView view = field.hostView();
@@ -102,6 +103,20 @@ TEST_F(OctomapExport, SaysWhatCannotBeWritten) {
   result = runProgram({"export", "--map", path("field.avst"), "--tool", "builtin:pencil", "--octomap", path("map.bt"),
                        "--mcap", path("map.mcap")});
   EXPECT_EQ(result.exit_code, 2) << result.err;
+  result = runProgram({"export", "--map", path("field.avst"), "--tool", "builtin:pencil", "--octomap", path("map.bt"),
+                       "--crs", "EPSG:32632"});
+  EXPECT_EQ(result.exit_code, 2) << result.err;
+  // A state says itself how it is turned, and how much room was asked for.
+  for (const std::vector<std::string>& flags : std::vector<std::vector<std::string>>{{"--margins", "0.1"},
+                                                                                     {"--directions", "90"},
+                                                                                     {"--orientations", "sphere:30"},
+                                                                                     {"--rolls", "3"},
+                                                                                     {"--max-collisions", "7"}}) {
+    result = runProgram({"export", "--map", path("field.avst"), "--tool", "builtin:pencil", "--octomap", path("map.bt"),
+                         flags[0], flags[1]});
+    EXPECT_EQ(result.exit_code, 2) << flags[0] << result.err;
+    EXPECT_NE(result.err.find("usage.state"), std::string::npos) << result.err;
+  }
   EXPECT_EQ(listing(""), std::vector<std::string>{"field.avst"});
 }
 

@@ -158,6 +158,58 @@ TEST_F(PlansAroundABall, ContactIsReachedAlongTheBodyOnly) {
       stuck.checkMotion(stateOf(outside(Eigen::Vector3d::UnitX(), 0.3), space_).get(), stateOf(inside, space_).get()));
 }
 
+/// A turn by 180 degrees goes the way that the states say, which their rotations do not.
+TEST_F(PlansAroundABall, HalfTurnsGoTheWayThatStatesSay) {
+  planIn(field_, *information_, {.allow_unknown = true});
+  std::size_t free = 0, blocked = 0;
+  for (int yaw = 0; yaw < 360; yaw += 10) {
+    for (const double sign : {1.0, -1.0}) {
+      // Beside the ball, so near that the tool meets it where it points to it.
+      Eigen::Isometry3d from_T_WT = Eigen::Isometry3d::Identity();
+      from_T_WT.translation() = kCentre_W + Eigen::Vector3d(kRadius_m + 0.1, 0, 0);
+      from_T_WT.linear() = Eigen::AngleAxisd(yaw * M_PI / 180, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+      const auto from = stateOf(from_T_WT, space_);
+      auto to = from;
+      const Eigen::Quaterniond half = Eigen::Quaterniond(from_T_WT.linear()) * Eigen::Quaterniond(0, 0, 0, sign);
+      to->rotation().w = half.w();
+      to->rotation().x = half.x();
+      to->rotation().y = half.y();
+      to->rotation().z = half.z();
+      if (!information_->isValid(from.get()) || !information_->isValid(to.get())) continue;
+      bool all_valid = true;
+      ob::ScopedState<ob::SE3StateSpace> state(space_);
+      for (int n = 1; n < 200; ++n) {
+        space_->interpolate(from.get(), to.get(), n / 200.0, state.get());
+        all_valid = all_valid && information_->isValid(state.get());
+      }
+      EXPECT_EQ(information_->checkMotion(from.get(), to.get()), all_valid) << yaw << " " << sign;
+      ++(all_valid ? free : blocked);
+    }
+  }
+  EXPECT_GT(free, 5U);
+  EXPECT_GT(blocked, 5U);
+}
+
+/// A thin plate just behind the crossbar of the tool in contact: nothing collides there, nor where the way in begins.
+TEST_F(PlansAroundABall, NothingIsPassedOnTheLastPartOfTheWay) {
+  const Eigen::Isometry3d contact_T_WT = outside(Eigen::Vector3d::UnitX(), 0);
+  for (const bool with_plate : {false, true}) {
+    AccessibilityField field = ballField(teeTool());
+    if (with_plate) addPlate(field);
+    const FitAnswer at = field.poseQuery().fits({&contact_T_WT, 1}, {.contact = true})[0];
+    ASSERT_FALSE(at.collision()) << at.collisions;
+    Eigen::Isometry3d before_T_WT = contact_T_WT;
+    before_T_WT.translation().x() += 0.25;
+    ob::SpaceInformation information(space_);
+    planIn(field, information, {.allow_unknown = true, .contact_T_WT = {contact_T_WT}});
+    const auto before = stateOf(before_T_WT, space_), contact = stateOf(contact_T_WT, space_);
+    EXPECT_TRUE(information.isValid(before.get()));
+    EXPECT_EQ(information.isValid(contact.get()), !with_plate);
+    EXPECT_EQ(information.checkMotion(before.get(), contact.get()), !with_plate);
+    EXPECT_EQ(information.checkMotion(contact.get(), before.get()), !with_plate);
+  }
+}
+
 TEST_F(PlansAroundABall, WhatCarriesTheToolMustFitToo) {
   // Beside the tool, as far away as the ball is from it.
   const BodyCapsule beside = {.a_T = {0, 0, -0.45}, .b_T = {0.1, 0, -0.45}, .radius_m = 0.1};

@@ -237,6 +237,40 @@ TEST(Approaches, AreFreeInTheExactSceneAndSpreadOverIt) {
   for (const ApproachTarget& target : approaches(field, options).targets) EXPECT_LE(target.distance_m, 2.8);
 }
 
+/// A plate stands where the tool passes on the last part of its way only: no way in leads through it.
+TEST(Approaches, PassNothingOnTheLastPartOfTheWay) {
+  ApproachOptions options;
+  options.most = 0;
+  options.spacing_m = 0.06;
+  options.stand_off_m = 0.25;
+  options.allow_unknown = true;
+  std::size_t in_front = 0, behind_plate = 0;
+  for (const bool with_plate : {false, true}) {
+    AccessibilityField field = ballField(teeTool());
+    if (with_plate) addPlate(field);
+    field.update();
+    const PoseQuery query = field.poseQuery();
+    const Approaches found = approaches(field, options);
+    ASSERT_GT(found.targets.size(), 30U);
+    for (const ApproachTarget& target : found.targets) {
+      for (const ApproachPath& path : target.approaches) {
+        std::vector<Eigen::Isometry3d> poses;
+        for (double back_m = 0; back_m < 5 * kVoxel_m; back_m += kVoxel_m) {
+          poses.push_back(path.contact_T_WT);
+          poses.back().translation() += back_m * path.contact_T_WT.linear().col(0);
+        }
+        std::size_t collide = 0;
+        for (const FitAnswer& answer : query.fits(poses, {.contact = true})) collide += answer.collision() ? 1 : 0;
+        EXPECT_EQ(collide, 0U) << target.position_W.transpose();
+        const bool is_there = (target.position_W - kCentre_W - Eigen::Vector3d(kRadius_m, 0, 0)).norm() < 0.1 &&
+                              path.contact_T_WT.linear()(0, 0) > 0.99;
+        (with_plate ? behind_plate : in_front) += is_there ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_GT(in_front, behind_plate);
+}
+
 /// A point's best direction without room need not be one with the room that its margin says.
 TEST(Approaches, HaveTheRoomThatTheirMarginSays) {
   const std::vector<ToolSpec> tools = withMargins({{ToolGeometry::builtin("builtin:pruner")}}, {0.04, 0.08, 0.12});

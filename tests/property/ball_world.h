@@ -5,7 +5,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <random>
 #include <vector>
@@ -68,6 +70,38 @@ inline std::vector<Eigen::Vector3d> surfaceOf(const ToolGeometry& tool, double s
     }
   }
   return places;
+}
+
+/// A rod with a thin crossbar 0.3 m behind its tip.
+inline ToolGeometry teeTool() {
+  std::vector<Eigen::Vector3f> vertices;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  constexpr std::uint32_t kFaces[12][3] = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
+                                           {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+  const std::array<Eigen::Vector3f, 4> corners = {
+      Eigen::Vector3f(0, -0.01F, -0.01F), {0.5F, 0.01F, 0.01F}, {0.3F, -0.5F, -0.02F}, {0.31F, 0.5F, 0.02F}};
+  for (std::size_t box = 0; box < 4; box += 2) {
+    const Eigen::Vector3f &low = corners[box], &high = corners[box + 1];
+    const auto first = static_cast<std::uint32_t>(vertices.size());
+    for (int n = 0; n < 8; ++n)
+      vertices.emplace_back((n & 1) != 0 ? high.x() : low.x(), (n & 2) != 0 ? high.y() : low.y(),
+                            (n & 4) != 0 ? high.z() : low.z());
+    for (const auto& face : kFaces) triangles.push_back({first + face[0], first + face[1], first + face[2]});
+  }
+  return ToolGeometry::fromTriangles(vertices, triangles, "tee");
+}
+
+/// A thin plate 6 cm behind the crossbar of that tool, where it touches the ball at its +x side.
+inline void addPlate(AccessibilityField& field) {
+  std::vector<Eigen::Vector3d> points_W, origins_W;
+  const double x = kCentre_W.x() + kRadius_m + 0.31 + 0.06;
+  for (double y = 0.3; y < 0.5; y += 0.01) {
+    for (double z = -0.1; z < 0.1; z += 0.01) {
+      points_W.emplace_back(x, y, kCentre_W.z() + z);
+      origins_W.emplace_back(x - 0.05, y, kCentre_W.z() + z);  // what is behind it is unknown
+    }
+  }
+  for (int n = 0; n < 20; ++n) field.integrateRays(points_W, origins_W);
 }
 
 }  // namespace accessvdb::test::ball_world

@@ -80,6 +80,7 @@ class WayBack {
     const double v = field.params().tsdf.voxel_size_m;
     // Nearer, the tool touches what it works on, and fits() counts up to two voxels around it.
     nearest_m_ = std::min((field.params().scoring.self_exclusion_voxels + 2) * v, stand_off_m);
+    for (double back_m = 0; back_m < nearest_m_; back_m += v) touching_m_.push_back(back_m);
     for (double back_m = nearest_m_; back_m < 2 * stand_off_m; back_m += v) back_m_.push_back(back_m);
     back_m_.push_back(stand_off_m);
     back_m_.push_back(2 * stand_off_m);
@@ -97,6 +98,21 @@ class WayBack {
     return free_m;
   }
   [[nodiscard]] bool isWay(double free_m) const { return free_m >= stand_off_m_; }
+  /// Nearer than that, as where the field scores a point: nothing collides on the way to contact but what it touches.
+  [[nodiscard]] std::vector<bool> reachesContact(const std::vector<Eigen::Isometry3d>& contact_T_WT,
+                                                 std::size_t tool) const {
+    std::vector<Eigen::Isometry3d> poses;
+    for (const Eigen::Isometry3d& T_WT : contact_T_WT)
+      for (const double back_m : touching_m_) poses.push_back(backBy(T_WT, back_m));
+    const std::vector<FitAnswer> answers = query_.fits(poses, {.tool = tool, .contact = true});
+    std::vector<bool> reaches;
+    for (std::size_t n = 0; n < contact_T_WT.size(); ++n) {
+      const auto first = answers.begin() + static_cast<std::ptrdiff_t>(n * touching_m_.size());
+      reaches.push_back(std::none_of(first, first + static_cast<std::ptrdiff_t>(touching_m_.size()),
+                                     [](const FitAnswer& answer) { return answer.collision(); }));
+    }
+    return reaches;
+  }
   [[nodiscard]] ApproachPath pathOf(const Eigen::Isometry3d& contact_T_WT, double free_m) const {
     ApproachPath path;
     path.contact_T_WT = contact_T_WT;
@@ -134,7 +150,7 @@ class WayBack {
   PoseQuery query_;
   bool allow_unknown_;
   double stand_off_m_, nearest_m_ = 0;
-  std::vector<double> back_m_;
+  std::vector<double> back_m_, touching_m_;
 };
 
 Eigen::Isometry3d contactPose(const Eigen::Vector3d& p_W, const Eigen::Quaternionf& q_WT) {
@@ -358,10 +374,15 @@ std::vector<Candidate> Search::spread(const WayBack& way) {
       }
       if (poses.empty()) continue;
       const std::vector<double> free_m = way.freeFor_m(poses, tool);
+      std::vector<Eigen::Isometry3d> with_way;
+      for (std::size_t k = 0; k < of_tool.size(); ++k)
+        if (way.isWay(free_m[k])) with_way.push_back(poses[k]);
+      const std::vector<bool> reaches = way.reachesContact(with_way, tool);
+      std::size_t next = 0;
       for (std::size_t k = 0; k < of_tool.size(); ++k) {
         Candidate& candidate = all_[of_tool[k]];
         candidate.free_m = candidate.is_free ? free_m[k] : 0;
-        if (!way.isWay(free_m[k])) {
+        if (!way.isWay(free_m[k]) || !reaches[next++]) {
           ++found_.without_way;
           gridOf(in_vain, candidate).add(candidate.point.position_W, of_tool[k]);
           continue;
@@ -454,7 +475,7 @@ void Search::addOtherWays(ApproachTarget& target, const AccessMap& map, const Wa
     const bool alike = std::ranges::any_of(target.approaches, [&](const ApproachPath& path) {
       return path.contact_T_WT.linear().col(0).dot(axis_W) > kOtherWay_cos;
     });
-    if (alike || !way.isWay(free_m[k])) continue;
+    if (alike || !way.isWay(free_m[k]) || !way.reachesContact({poses[k]}, target.tool)[0]) continue;
     ApproachPath path = way.pathOf(poses[k], free_m[k]);
     path.direction = order[k];
     path.roll = map.directions[order[k]].roll;

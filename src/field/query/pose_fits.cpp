@@ -79,15 +79,16 @@ class CollidingLeaves {
   std::map<std::array<std::int32_t, 3>, LeafChange> leaves_;
 };
 
-/// The tool in the voxel of its tip, as the field's tables have it.
-FitAnswer fitInContact(FittedTool& tool, const internal::PackedMap& map, const Eigen::Matrix3d& R_WT,
-                       const ToolPlace& place) {
+/// The tool around the voxel of its tip, as the field's tables have it.
+internal::SolidVoxels voxelsInContact(FittedTool& tool, const Eigen::Matrix3d& R_WT) {
   const FieldParams& params = tool.scoring().params;
   const double v = params.tsdf.voxel_size_m;
-  const internal::SolidVoxels voxels =
-      internal::ToolSolid(tool.geometry())
-          .voxels(internal::turnedVertices(tool.geometry(), R_WT, 1 / v), v, params.scoring.self_exclusion_voxels);
-  CollidingLeaves leaves(map);
+  return internal::ToolSolid(tool.geometry())
+      .voxels(internal::turnedVertices(tool.geometry(), R_WT, 1 / v), v, params.scoring.self_exclusion_voxels);
+}
+
+FitAnswer fitInContact(FittedTool& tool, CollidingLeaves& leaves, const internal::SolidVoxels& voxels,
+                       const ToolPlace& place) {
   FitAnswer answer;
   answer.valid = true;
   answer.collision_limit = tool.scoring().collisionLimit();
@@ -171,11 +172,21 @@ void PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, std::span<FitAnswe
       const std::scoped_lock lock(impl_->fits->mutex_);
       for (std::size_t n = 0; n < T_WT.size(); ++n) R_WT[n] = tool.ownOrientation(T_WT[n].linear());
     }
+    // Poses one after the other that are turned alike, as on a way in, share their voxels.
+    std::vector<std::size_t> begins;
+    for (std::size_t n = 0; n < T_WT.size(); ++n)
+      if (n == 0 || R_WT[n] != R_WT[n - 1]) begins.push_back(n);
+    begins.push_back(T_WT.size());
     impl_->field.arena->execute([&] {
-      tbb::parallel_for(std::size_t{0}, T_WT.size(), [&](std::size_t n) {
-        bool valid = false;
-        const ToolPlace place = impl_->placeOf(T_WT[n], valid);
-        answers[n] = valid ? fitInContact(tool, *impl_->field.map, R_WT[n], place) : FitAnswer{};
+      tbb::parallel_for(std::size_t{0}, begins.size() - 1, [&](std::size_t group) {
+        std::optional<internal::SolidVoxels> voxels;
+        CollidingLeaves leaves(*impl_->field.map);
+        for (std::size_t n = begins[group]; n < begins[group + 1]; ++n) {
+          bool valid = false;
+          const ToolPlace place = impl_->placeOf(T_WT[n], valid);
+          if (valid && !voxels) voxels = voxelsInContact(tool, R_WT[n]);
+          answers[n] = valid ? fitInContact(tool, leaves, *voxels, place) : FitAnswer{};
+        }
       });
     });
     return;

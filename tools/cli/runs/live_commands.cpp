@@ -68,6 +68,11 @@ std::optional<std::string> readBox(const Json& message, LiveCommand& command) {
 std::optional<std::string> readApproach(const Json& message, LiveCommand& command) {
   constexpr double kMost = 1000, kWithin_m = 10;
   ApproachOptions& options = command.approach;
+  constexpr std::array<std::string_view, 6> kKnown = {"id", "command", "most", "from", "within", "allow_unknown"};
+  for (const auto& [key, value] : message.items()) {
+    if (std::ranges::find(kKnown, key) == kKnown.end())
+      return "\"" + printable(key.substr(0, 40)) + "\" is not known; there are most, from, within and allow_unknown";
+  }
   const auto number = [&](const char* name, double most) -> std::optional<double> {
     const auto found = message.find(name);
     if (found == message.end() || !found->is_number()) return std::nullopt;

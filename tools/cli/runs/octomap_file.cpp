@@ -55,13 +55,13 @@ class LeafAndNext {
   std::array<const KnownLeaf*, 8> leaves_ = {};
 };
 
-/// OctoMap's own writer says on stderr what it does, and has no room for a mark.
+/// OctoMap's own writers of whole trees say on stderr what they do, and have no room for a mark.
 void writeTree(const octomap::OcTree& tree, std::ostream& out) {
   char resolution[32];
   std::snprintf(resolution, sizeof resolution, "%.17g", tree.getResolution());
   out << "# Octomap OcTree binary file\n# AccessVDB " ACCESSVDB_VERSION "\nid " << tree.getTreeType() << "\nsize "
       << tree.size() << "\nres " << resolution << "\ndata\n";
-  tree.writeBinaryData(out);
+  if (tree.getRoot() != nullptr) tree.writeBinaryNode(out, tree.getRoot());
 }
 
 }  // namespace
@@ -102,7 +102,7 @@ PreparedFile octomapFile(const std::filesystem::path& file, const AccessibilityF
               std::snprintf(text, sizeof text, "an OctoMap with cells of %g m ends %g m from the world's origin",
                             voxel_m, static_cast<double>(kHalf) * voxel_m);
               throw ResourceLimit("octomap.range", "", text,
-                                  "Map in coordinates with a near origin, or a part of it with --box");
+                                  "Take a round offset off the poses, map again, and export that");
             }
             key[axis] = static_cast<octomap::key_type>(at);
           }

@@ -39,22 +39,23 @@ fs::path stateFile(const std::string& map, const std::string& id, const std::str
 
 namespace {
 
-/// A state of one tool says itself how it is turned, and what it may touch: flags may repeat that, and nothing else.
+/// A state says itself how its tools are turned, and what they may touch: flags may repeat that, and nothing else. Of
+/// several tools, most is in the hash of their list.
 void requireAsSaved(const MapOptions& given, const std::vector<ToolSpec>& tools, const SavedState& saved) {
   const auto refuse = [](const char* flag, const std::string& problem) {
     throw InvalidArgument("usage.state", flag, problem, "Leave it out, or map again with it and --checkpoint");
   };
-  if (tools.size() > 1) refuse("--margins", "is given for a state that was made without margins");
   const ApproachParams& approach = saved.params.approach;
   const ToolSpec& tool = tools.front();
-  if (!given.orientations.empty() && tool.orientations.text() != approach.orientations.text())
-    refuse("--orientations", "differs from the state's, which are " + approach.orientations.text());
   if (given.directions && *given.directions != approach.num_directions)
     refuse("--directions", "differs from the state's, which has " + std::to_string(approach.num_directions));
-  if (!given.rolls.empty() && tool.rolls != approach.rolls && tool.rolls != 0)
+  if (!saved.tools.empty()) return;
+  if (tools.size() > 1) refuse("--margins", "is given for a state that was made without margins");
+  if (!given.orientations.empty() && tool.orientations.text() != approach.orientations.text())
+    refuse("--orientations", "differs from the state's, which are " + approach.orientations.text());
+  if (!given.rolls.empty() && tool.rolls != approach.rolls)
     refuse("--rolls", "differs from the state's, which has " + std::to_string(approach.rolls));
-  if (!given.max_collisions.empty() && tool.max_collisions != saved.params.scoring.max_collisions &&
-      tool.max_collisions != 0)
+  if (!given.max_collisions.empty() && tool.max_collisions != saved.params.scoring.max_collisions)
     refuse("--max-collisions", "differs from the state's");
 }
 
@@ -73,10 +74,8 @@ AccessibilityField loadField(const fs::path& state, const MapOptions& tool_optio
   std::vector<ToolSpec> tools = loadTools(given);
   sayToolsNotes(given, tools, messages);
   // A state of one tool says itself how it is turned.
-  if (saved.tools.empty()) {
-    requireAsSaved(given, tools, saved);
-    tools = onlyTool(tools.front().tool, saved.params);
-  }
+  requireAsSaved(given, tools, saved);
+  if (saved.tools.empty()) tools = onlyTool(tools.front().tool, saved.params);
   const BackendKind backend = common.device == "cpu"    ? BackendKind::Cpu
                               : common.device == "cuda" ? BackendKind::Cuda
                                                         : BackendKind::Auto;

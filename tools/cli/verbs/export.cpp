@@ -62,6 +62,16 @@ void checkOptions(const ExportFiles& options) {
     throw InvalidArgument("usage.octomap", "--octomap", "is made from a checkpoint, and the other files from results",
                           "Run export once for each");
   }
+  const ExportFiles plain;
+  const bool of_others = !options.crs.empty() || options.cell_m != plain.cell_m ||
+                         options.of_mcap.most_points != plain.of_mcap.most_points ||
+                         options.of_mcap.most_arrows != plain.of_mcap.most_arrows;
+  if (!options.octomap.empty() && of_others) {
+    throw InvalidArgument("usage.octomap", "--octomap", "goes with none of --crs, --cell, --max-points and --arrows",
+                          "Leave them out");
+  }
+  if (options.octomap.empty() && !options.given.tool.tool.empty())
+    throw InvalidArgument("usage.octomap", "--tool", "is for --octomap alone", "Leave it out");
   requireEnding("--octomap", options.octomap, ".bt");
   requireEnding("--raster", options.raster, ".tif");
   requireEnding("--vector", options.vector, ".gpkg");

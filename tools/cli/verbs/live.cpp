@@ -83,6 +83,7 @@ class LiveRun {
   void forgetCounts();
   void publishPoints(LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
+  void forgetApproaches(const LiveSession& session, dds::Participant& participant);
   void obey(LiveSession& session, dds::Participant& participant, ScanLog& log);
   [[nodiscard]] std::string carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant,
                                      ScanLog& log);
@@ -297,6 +298,11 @@ std::string waitingInWords(const LiveStatus& status) {
   return "; " + std::to_string(status.backlog) + " wait, unscored until then";
 }
 
+/// Nobody who comes later goes where the map no longer says so.
+void LiveRun::forgetApproaches(const LiveSession& session, dds::Participant& participant) {
+  participant.publish(dds::Output::Approaches, dds::posesMessage({}, last_stamp_ns_, outgoing(session)));
+}
+
 /// @return what was done, in words  @throws Refused, Error for what could not be done; nothing has changed then
 std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant,
                               ScanLog& log) {
@@ -339,6 +345,7 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       log.note(scan_log::kChanged, last_stamp_ns_);
       forgetCounts();
       checkpoints_.noteChange();
+      forgetApproaches(session, participant);
       showPoints({});
       return "the map is empty";
     case LiveCommandKind::Remove: {
@@ -346,13 +353,20 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       const LiveRemoval removal = session.removeRegion(Region::box(command.min_W, command.max_W), command.removed_as);
       log.note(scan_log::kChanged, last_stamp_ns_);
       checkpoints_.noteChange();
+      forgetApproaches(session, participant);
       showPoints(removal.changed);
       return "removed " + std::to_string(removal.removal.voxels) + " voxels and " +
              std::to_string(removal.removal.points) + " points as " + name(removal.removal.as);
     }
     case LiveCommandKind::Approaches: {
       if (session.rolling() != nullptr) refuse("cannot be done with --rolling");
-      const Approaches found = approaches(session.field(), command.approach);
+      forgetApproaches(session, participant);  // those of before are of another map
+      const std::vector<ToolSpec>& tools = session.tools();
+      if (std::ranges::count_if(tools, [](const ToolSpec& tool) { return tool.tool.margin_m() == 0; }) > 1)
+        refuse("cannot be done with several tools: poses do not say which tool they are for");
+      ApproachOptions options = command.approach;
+      if (options.from_W && session.levelling()) options.from_W = *session.levelling() * *options.from_W;
+      const Approaches found = approaches(session.field(), options);
       std::vector<Eigen::Isometry3d> T_WT;
       for (const ApproachTarget& target : found.targets) T_WT.push_back(target.approaches.front().contact_T_WT);
       participant.publish(dds::Output::Approaches, dds::posesMessage(T_WT, last_stamp_ns_, outgoing(session)));
