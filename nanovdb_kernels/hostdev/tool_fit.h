@@ -75,7 +75,7 @@ ACCESSVDB_HOSTDEV inline bool makeToolPlace(const double* R_LT, const double* ti
 /// What a tool meets, in voxels.
 struct ToolFit {
   std::uint32_t collisions = 0, unknown = 0;
-  bool valid = false;  ///< false: a bad pose, or a tool that reaches too far; nothing was looked at
+  bool valid = false;                  ///< false: a bad pose, or a tool that reaches too far; nothing was looked at
   std::uint8_t unused[3] = {0, 0, 0};  ///< so that each byte of an array of these is written
 };
 

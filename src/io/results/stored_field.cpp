@@ -124,7 +124,9 @@ StoredField StoredField::open(const std::filesystem::path& folder, OutputCheck& 
   }
   for (const char* name : {"field.vdb", "points.ply"}) {
     if (!isThere(folder / name)) {
-      throw InputError("input.not_a_field", folder.string(), std::string("contains no ") + name, kAdvice);
+      const bool is_state = isThere(folder / "state.json");
+      throw InputError("input.not_a_field", folder.string(), std::string("contains no ") + name,
+                       is_state ? "It holds a saved state: name the folder of results of the same map" : kAdvice);
     }
   }
   auto impl = std::make_unique<Impl>();
