@@ -75,7 +75,7 @@ struct Approaches {
   std::vector<ApproachTarget> targets;  ///< best first; with `per` by value, then best first
   std::uint64_t accessible = 0;         ///< points that were considered
   std::uint64_t covered = 0;            ///< of them, those nearer to a target than the spacing
-  std::uint64_t without_way = 0;        ///< tried in vain: no way to them was seen free
+  std::uint64_t without_way = 0;  ///< tried in vain: no way to them was seen free, or something is in it near contact
 };
 
 /// Ranked by room (margin_m, where the field has margins), then how far the tool can turn (in steps of 10 degrees), how

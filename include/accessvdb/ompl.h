@@ -89,7 +89,6 @@ class PlanningWorld {
       : options_(std::move(options)), poses_(field.poseQuery()), capsules_(field.batchQuery()) {
     const FieldParams params = field.params();
     voxel_size_m_ = params.tsdf.voxel_size_m;
-    contact_m_ = (params.scoring.self_exclusion_voxels + 2) * voxel_size_m_;
     if (options_.tool >= field.tools().size())
       throw InvalidArgument("tool.index", "PlanningOptions::tool", "is not a tool of the field");
     for (const BodyCapsule& capsule : options_.body) {
@@ -101,15 +100,11 @@ class PlanningWorld {
     for (const Eigen::Isometry3d& T_WT : options_.contact_T_WT) {
       if (!T_WT.matrix().allFinite() || !T_WT.linear().isUnitary(1e-5) || T_WT.linear().determinant() < 0)
         throw InvalidArgument("plan.options", "PlanningOptions::contact_T_WT", "has a pose that is not rigid");
-      // Once, since planners ask again and again.
-      std::vector<Eigen::Isometry3d> way_in;
-      for (double back_m = 0; back_m < contact_m_ + voxel_size_m_; back_m += voxel_size_m_) {
-        way_in.push_back(T_WT);
-        way_in.back().translation() += back_m * T_WT.linear().col(0);
-      }
-      contact_fits_.push_back(std::ranges::none_of(poses_.fits(way_in, {.tool = options_.tool, .contact = true}),
-                                                   [](const FitAnswer& answer) { return answer.collision(); }));
     }
+    // Once, since planners ask again and again.
+    for (const FitAnswer& answer : poses_.fitsIntoContact(options_.contact_T_WT, options_.tool))
+      contact_fits_.push_back(!answer.collision());
+    contact_m_ = poses_.contactWay_m(options_.tool);
   }
 
   [[nodiscard]] bool fits(const Eigen::Isometry3d& T_WT) const {
@@ -121,17 +116,19 @@ class PlanningWorld {
   /// How far a way fits, 0 to 1 (all of it): from pose to pose evenly along the line, turning evenly about one axis, in
   /// parts of equal length. The first pose is taken to fit. @param T_WT  at least two; turns of less than 180 degrees
   [[nodiscard]] double fitsUntil(std::span<const Eigen::Isometry3d> T_WT) const {
+    requireCurrent();
     const auto parts = static_cast<double>(T_WT.size() - 1);
     for (std::size_t n = 0; n + 1 < T_WT.size(); ++n) {
       const double of_body = bodyFitsUntil(T_WT[n], T_WT[n + 1]);
       const double until = of_body == 0 ? 0 : std::min(of_body, toolFitsUntil(T_WT[n], T_WT[n + 1]));
-      if (until < 1) return (static_cast<double>(n) + until) / parts;
+      if (until < 1) return std::min((static_cast<double>(n) + until) / parts, std::nextafter(1.0, 0.0));
     }
     return 1;
   }
   [[nodiscard]] bool fitsAlong(std::span<const Eigen::Isometry3d> T_WT) const { return fitsUntil(T_WT) == 1; }
   /// Some poses on the way: most ways that do not fit do not fit there, and are refused sooner.
   [[nodiscard]] bool fitsHereAndThere(std::span<const Eigen::Isometry3d> T_WT) const {
+    requireCurrent();
     if (contactAt(T_WT.front()).is_on_line || contactAt(T_WT.back()).is_on_line) return true;  // fitsAlong() sees to it
     std::array<Eigen::Isometry3d, 7> some;
     const auto parts = static_cast<double>(T_WT.size() - 1);
@@ -164,6 +161,10 @@ class PlanningWorld {
     double back_m = 0;
   };
 
+  void requireCurrent() const {
+    if (!poses_.current())
+      throw InvalidArgument("query.stale", "PlanningWorld", "the field has changed since", "Plan again");
+  }
   [[nodiscard]] bool isFree(const FitAnswer& answer) const {
     return !answer.collision() && (options_.allow_unknown || !answer.unknown());
   }
@@ -185,7 +186,7 @@ class PlanningWorld {
 
   [[nodiscard]] double toolFitsUntil(const Eigen::Isometry3d& from_T_WT, const Eigen::Isometry3d& to_T_WT) const {
     const Contact from = contactAt(from_T_WT), to = contactAt(to_T_WT);
-    if (!from.is_near && !to.is_near) return freeUntil(from_T_WT, to_T_WT);
+    if (!from.is_near && !to.is_near) return std::max(0.0, freeUntil(from_T_WT, to_T_WT));
     // In contact there is one way to move: along the tool's body.
     const Contact& contact = to.is_near ? to : from;
     const Contact& other = to.is_near ? from : to;
@@ -197,17 +198,20 @@ class PlanningWorld {
     const double share = (other.back_m - contact_m_) / (other.back_m - contact.back_m);
     if (to.is_near) {
       const double until = freeUntil(from_T_WT, last_T_WT);
-      return until == 1 ? 1 : until * share;
+      return until == 1 ? 1 : std::max(0.0, until) * share;
     }
     const double until = freeUntil(last_T_WT, to_T_WT);
-    return until == 1 ? 1 : 1 - share + until * share;
+    if (until == 1) return 1;
+    const double at = 1 - share + until * share;
+    return until < 0 || at >= 1 ? 0 : at;
   }
+  /// Negative: not even the first pose.
   [[nodiscard]] double freeUntil(const Eigen::Isometry3d& from_T_WT, const Eigen::Isometry3d& to_T_WT) const {
     const std::array<Eigen::Isometry3d, 2> way = {from_T_WT, to_T_WT};
     const PathFitAnswer answer =
         poses_.fitsAlong(way, {.tool = options_.tool, .unknown_blocks = !options_.allow_unknown});
     if (answer.valid && !answer.collision && (options_.allow_unknown || !answer.unknown)) return 1;
-    return answer.valid && answer.fits_until > 0 ? answer.fits_until : 0;
+    return answer.valid && answer.fits_until >= 0 ? answer.fits_until : -1;
   }
 
   /// How many poses fit before the first that does not.

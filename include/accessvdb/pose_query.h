@@ -98,6 +98,16 @@ class ACCESSVDB_API PoseQuery {
   [[nodiscard]] PathFitAnswer fitsAlong(std::span<const Eigen::Isometry3d> T_WT,
                                         const PathFitOptions& options = {}) const;
 
+  /// What the tool meets on the last part of its way to contact, straight along its body from contactWay_m() before it:
+  /// the most of all voxels that its tip is in on the way, each judged as where the field scores a point
+  /// (FitOptions::contact). Before that, fits() judges.
+  /// @param contact_T_WT  [n] poses in contact  @param tool  of the field's tools  @return [n]  @throws as fits()
+  [[nodiscard]] std::vector<FitAnswer> fitsIntoContact(std::span<const Eigen::Isometry3d> contact_T_WT,
+                                                       std::size_t tool = 0) const;
+  /// ScoringParams::self_exclusion_voxels and two voxels: nearer, the tool touches what it works on, and fits() counts
+  /// up to two voxels around it.
+  [[nodiscard]] double contactWay_m(std::size_t tool = 0) const;
+
   /// A tool for DeviceView::fits() in your own kernels; include device_view.h. In the field's memory, as its
   /// deviceView() or hostView(), and there as long as the field. @throws InvalidArgument "tool.index"; ResourceLimit
   /// "tool.span"

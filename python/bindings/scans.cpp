@@ -106,6 +106,8 @@ std::shared_ptr<io::ScanRecord> readScan(LockedScans& s, std::int64_t step) {
 }
 
 io::ScanAgreement agreementOf(LockedScans& s, double range_noise_m) {
+  if (!(range_noise_m >= 0 && range_noise_m < 1e3))
+    throw InvalidArgument("python.range_noise", "range_noise_m", "is not metres, 0 or more");
   return withoutLock([&] {
     const std::scoped_lock turn(s.turn);
     return io::measureAgreement(s.scans, range_noise_m, s.T_B_S).measure();

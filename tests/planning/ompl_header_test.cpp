@@ -158,6 +158,43 @@ TEST_F(PlansAroundABall, ContactIsReachedAlongTheBodyOnly) {
       stuck.checkMotion(stateOf(outside(Eigen::Vector3d::UnitX(), 0.3), space_).get(), stateOf(inside, space_).get()));
 }
 
+/// Away from contact into what nobody saw: not a step of it counts as free.
+TEST_F(PlansAroundABall, ARetreatIntoTheUnknownEndsWhereItBegins) {
+  AccessibilityField field(tool_, [] {
+    FieldParams params;
+    params.tsdf.voxel_size_m = kVoxel_m;
+    params.tsdf.range_noise_m = 0;
+    params.backend = BackendKind::Cpu;
+    return params;
+  }());
+  std::vector<Eigen::Vector3d> points_W, origins_W;
+  for (double y = -0.2; y < 0.2; y += 0.01) {
+    for (double z = 1.8; z < 2.2; z += 0.01) {
+      points_W.emplace_back(0.5, y, z);
+      origins_W.emplace_back(2.5, y, z);
+    }
+  }
+  for (int n = 0; n < 5; ++n) field.integrateRays(points_W, origins_W);
+  Eigen::Isometry3d contact_T_WT = Eigen::Isometry3d::Identity();
+  contact_T_WT.translation() = Eigen::Vector3d(0.5, 0, 2);
+  ob::SpaceInformation information(space_);
+  planIn(field, information, {.contact_T_WT = {contact_T_WT}});
+  const double way_m = field.poseQuery().contactWay_m();
+  for (const double back_m : {way_m + 1e-9, way_m + 1e-4, 0.5, 1.0}) {
+    Eigen::Isometry3d back_T_WT = contact_T_WT;
+    back_T_WT.translation().x() += back_m;
+    const auto contact = stateOf(contact_T_WT, space_), back = stateOf(back_T_WT, space_);
+    ASSERT_TRUE(information.isValid(contact.get()));
+    ASSERT_FALSE(information.isValid(back.get())) << back_m;
+    EXPECT_FALSE(information.checkMotion(contact.get(), back.get())) << back_m;
+    ob::ScopedState<ob::SE3StateSpace> reached(space_);
+    std::pair<ob::State*, double> last(reached.get(), -1);
+    EXPECT_FALSE(information.checkMotion(contact.get(), back.get(), last)) << back_m;
+    EXPECT_EQ(last.second, 0) << back_m;
+    EXPECT_TRUE(information.isValid(reached.get())) << back_m;
+  }
+}
+
 /// A turn by 180 degrees goes the way that the states say, which their rotations do not.
 TEST_F(PlansAroundABall, HalfTurnsGoTheWayThatStatesSay) {
   planIn(field_, *information_, {.allow_unknown = true});
@@ -261,8 +298,16 @@ TEST_F(PlansAroundABall, SaysWhatIsWrong) {
   EXPECT_FALSE(information_->isValid(stateOf(nowhere, space_).get()));
   EXPECT_FALSE(information_->isValid(stateOf(outside(Eigen::Vector3d::UnitX(), 3), space_).get()));  // out of bounds
   EXPECT_FALSE(information_->checkMotion(state.get(), stateOf(nowhere, space_).get()));
+  const Eigen::Isometry3d contact_T_WT = outside(Eigen::Vector3d::UnitX(), 0);
+  Eigen::Isometry3d back_T_WT = contact_T_WT;
+  back_T_WT.translation().x() += 0.03;
+  ob::SpaceInformation touching(space_);
+  planIn(field_, touching, {.contact_T_WT = {contact_T_WT}});
+  const auto contact = stateOf(contact_T_WT, space_), back = stateOf(back_T_WT, space_);
+  EXPECT_TRUE(touching.checkMotion(contact.get(), back.get()));
   field_.update();
   EXPECT_EQ(idOf([&] { static_cast<void>(information_->isValid(state.get())); }), "query.stale");
+  EXPECT_EQ(idOf([&] { static_cast<void>(touching.checkMotion(contact.get(), back.get())); }), "query.stale");
 }
 
 }  // namespace

@@ -78,9 +78,7 @@ class WayBack {
   WayBack(const AccessibilityField& field, const ApproachOptions& options, double stand_off_m)
       : query_(field.poseQuery()), allow_unknown_(options.allow_unknown), stand_off_m_(stand_off_m) {
     const double v = field.params().tsdf.voxel_size_m;
-    // Nearer, the tool touches what it works on, and fits() counts up to two voxels around it.
-    nearest_m_ = std::min((field.params().scoring.self_exclusion_voxels + 2) * v, stand_off_m);
-    for (double back_m = 0; back_m < nearest_m_; back_m += v) touching_m_.push_back(back_m);
+    nearest_m_ = std::min(query_.contactWay_m(), stand_off_m);
     for (double back_m = nearest_m_; back_m < 2 * stand_off_m; back_m += v) back_m_.push_back(back_m);
     back_m_.push_back(stand_off_m);
     back_m_.push_back(2 * stand_off_m);
@@ -101,16 +99,8 @@ class WayBack {
   /// Nearer than that, as where the field scores a point: nothing collides on the way to contact but what it touches.
   [[nodiscard]] std::vector<bool> reachesContact(const std::vector<Eigen::Isometry3d>& contact_T_WT,
                                                  std::size_t tool) const {
-    std::vector<Eigen::Isometry3d> poses;
-    for (const Eigen::Isometry3d& T_WT : contact_T_WT)
-      for (const double back_m : touching_m_) poses.push_back(backBy(T_WT, back_m));
-    const std::vector<FitAnswer> answers = query_.fits(poses, {.tool = tool, .contact = true});
     std::vector<bool> reaches;
-    for (std::size_t n = 0; n < contact_T_WT.size(); ++n) {
-      const auto first = answers.begin() + static_cast<std::ptrdiff_t>(n * touching_m_.size());
-      reaches.push_back(std::none_of(first, first + static_cast<std::ptrdiff_t>(touching_m_.size()),
-                                     [](const FitAnswer& answer) { return answer.collision(); }));
-    }
+    for (const FitAnswer& answer : query_.fitsIntoContact(contact_T_WT, tool)) reaches.push_back(!answer.collision());
     return reaches;
   }
   [[nodiscard]] ApproachPath pathOf(const Eigen::Isometry3d& contact_T_WT, double free_m) const {
@@ -150,7 +140,7 @@ class WayBack {
   PoseQuery query_;
   bool allow_unknown_;
   double stand_off_m_, nearest_m_ = 0;
-  std::vector<double> back_m_, touching_m_;
+  std::vector<double> back_m_;
 };
 
 Eigen::Isometry3d contactPose(const Eigen::Vector3d& p_W, const Eigen::Quaternionf& q_WT) {

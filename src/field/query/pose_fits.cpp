@@ -106,6 +106,22 @@ FitAnswer fitInContact(FittedTool& tool, CollidingLeaves& leaves, const internal
   return answer;
 }
 
+/// Distances before contact, one for each voxel that the tip is in on its way.
+std::vector<double> voxelsOfTip_m(const Eigen::Vector3d& tip_L, const Eigen::Vector3d& axis, double way_m, double v) {
+  std::vector<double> borders = {0, way_m};
+  for (int k = 0; k < 3; ++k) {
+    const double begin = tip_L[k] / v + 0.5, end = begin + way_m * axis[k] / v;
+    for (double at = std::ceil(std::min(begin, end)); at <= std::max(begin, end); at += 1)
+      if (axis[k] != 0) borders.push_back(std::clamp((at - begin) * v / axis[k], 0.0, way_m));
+  }
+  std::sort(borders.begin(), borders.end());
+  std::vector<double> inside_m = {0};
+  for (std::size_t n = 0; n + 1 < borders.size(); ++n)
+    if (borders[n + 1] > borders[n]) inside_m.push_back((borders[n] + borders[n + 1]) / 2);
+  inside_m.push_back(way_m);
+  return inside_m;
+}
+
 /// How many tries each part of a way takes, its end included. @return nothing if they are too many
 std::optional<std::vector<std::size_t>> triesOf(std::span<const Eigen::Isometry3d> T_WT, double reach_m,
                                                 double voxel_size_m) {
@@ -173,9 +189,10 @@ void PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, std::span<FitAnswe
       for (std::size_t n = 0; n < T_WT.size(); ++n) R_WT[n] = tool.ownOrientation(T_WT[n].linear());
     }
     // Poses one after the other that are turned alike, as on a way in, share their voxels.
+    constexpr std::size_t kMostTogether = 64;
     std::vector<std::size_t> begins;
     for (std::size_t n = 0; n < T_WT.size(); ++n)
-      if (n == 0 || R_WT[n] != R_WT[n - 1]) begins.push_back(n);
+      if (n == 0 || R_WT[n] != R_WT[n - 1] || n - begins.back() == kMostTogether) begins.push_back(n);
     begins.push_back(T_WT.size());
     impl_->field.arena->execute([&] {
       tbb::parallel_for(std::size_t{0}, begins.size() - 1, [&](std::size_t group) {
@@ -210,6 +227,42 @@ void PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, std::span<FitAnswe
       part[n].unknown_voxels = found[n].unknown;
     });
   }
+}
+
+double PoseQuery::contactWay_m(std::size_t tool) const {
+  const FieldParams& params = impl_->tool(tool).scoring().params;
+  return (params.scoring.self_exclusion_voxels + 2) * params.tsdf.voxel_size_m;
+}
+
+std::vector<FitAnswer> PoseQuery::fitsIntoContact(std::span<const Eigen::Isometry3d> contact_T_WT,
+                                                  std::size_t tool) const {
+  const double way_m = contactWay_m(tool), v = impl_->field.map->params().voxel_size_m;
+  std::vector<Eigen::Isometry3d> poses;
+  std::vector<std::size_t> ends;
+  for (const Eigen::Isometry3d& T_WT : contact_T_WT) {
+    bool valid = false;
+    static_cast<void>(impl_->placeOf(T_WT, valid));
+    const Eigen::Vector3d axis = T_WT.linear().col(0);
+    const Eigen::Vector3d tip_L = T_WT.translation() - impl_->field.origin_W;
+    for (const double back_m : valid ? voxelsOfTip_m(tip_L, axis, way_m, v) : std::vector<double>{0}) {
+      poses.push_back(T_WT);
+      poses.back().translation() += back_m * axis;
+    }
+    ends.push_back(poses.size());
+  }
+  const std::vector<FitAnswer> each = fits(poses, {.tool = tool, .contact = true});
+  std::vector<FitAnswer> answers;
+  for (std::size_t n = 0; n < ends.size(); ++n) {
+    const std::size_t begin = n == 0 ? 0 : ends[n - 1];
+    FitAnswer most = each[begin];
+    for (std::size_t k = begin; k < ends[n]; ++k) {
+      most.valid = most.valid && each[k].valid;
+      most.collisions = std::max(most.collisions, each[k].collisions);
+      most.unknown_voxels = std::max(most.unknown_voxels, each[k].unknown_voxels);
+    }
+    answers.push_back(most);
+  }
+  return answers;
 }
 
 std::vector<FitAnswer> PoseQuery::fits(std::span<const Eigen::Isometry3d> T_WT, const FitOptions& options) const {

@@ -96,9 +96,10 @@ int runApproaches(const Arguments& arguments, Messages& messages) {
   std::vector<std::string> tools;
   for (const ToolSpec& tool : field.tools()) tools.push_back(tool.name);
   if (found.targets.empty()) {
-    messages.warning("approaches.no_way", "no way to any of " + std::to_string(found.accessible) +
-                                              " accessible points was seen free. Map with --clear-rays and "
-                                              "--platform-radius, use a shorter --stand-off, or --allow-unknown");
+    messages.warning("approaches.no_way",
+                     "no way to any of " + std::to_string(found.accessible) +
+                         " accessible points was seen free up to contact. Map with --clear-rays and "
+                         "--platform-radius, use a shorter --stand-off, or --allow-unknown");
   }
   if (!out.empty()) {
     io::writeApproaches(out, found, tools);

@@ -70,8 +70,12 @@ void checkOptions(const ExportFiles& options) {
     throw InvalidArgument("usage.octomap", "--octomap", "goes with none of --crs, --cell, --max-points and --arrows",
                           "Leave them out");
   }
-  if (options.octomap.empty() && !options.given.tool.tool.empty())
-    throw InvalidArgument("usage.octomap", "--tool", "is for --octomap alone", "Leave it out");
+  const MapOptions& given = options.given;
+  const bool of_tool = !given.tool.tool.empty() || !given.tool.unit.empty() || !given.tool_name.empty() ||
+                       !given.margins.empty() || !given.max_collisions.empty() || !given.orientations.empty() ||
+                       !given.rolls.empty() || given.directions;
+  if (options.octomap.empty() && of_tool)
+    throw InvalidArgument("usage.octomap", "--tool", "and what goes with it is for --octomap alone", "Leave it out");
   requireEnding("--octomap", options.octomap, ".bt");
   requireEnding("--raster", options.raster, ".tif");
   requireEnding("--vector", options.vector, ".gpkg");

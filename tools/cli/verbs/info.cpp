@@ -16,6 +16,7 @@
 #include "options/command_line.h"
 #include "options/options.h"
 #include "output/json_text.h"
+#include "runs/state_file.h"
 #include "verbs/verbs.h"
 
 namespace accessvdb::tools {
@@ -244,15 +245,6 @@ std::string wordsOfState(const Json& state) {
   return words;
 }
 
-/// The state that the folder of a checkpoint names; nothing where it is none.
-std::optional<fs::path> stateIn(const fs::path& folder) {
-  const Json manifest = Json::parse(io::contentAt(folder / "state.json"), nullptr, false);
-  if (!manifest.is_object() || !manifest.contains("generation") || !manifest["generation"].is_number_unsigned() ||
-      manifest["generation"] == 0)
-    return std::nullopt;
-  return folder / ("state-" + std::to_string(manifest["generation"].get<std::uint64_t>()) + ".avst");
-}
-
 }  // namespace
 
 int runInfo(const Arguments& arguments, Messages& messages) {
@@ -282,8 +274,14 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     printData(json ? jsonText(result, 2) + "\n" : wordsOfRecording(recording));
     return 0;
   }
-  const bool is_state = fs::path(path).extension() == ".avst";
-  if (const auto state = io::isFolder(path) ? stateIn(path) : is_state ? std::optional(fs::path(path)) : std::nullopt) {
+  std::optional<fs::path> state;
+  if (!io::isFolder(path) && fs::path(path).extension() == ".avst") state = path;
+  // A folder may hold both; then its results are meant.
+  const bool results = io::isFolder(path) && (io::isThere(fs::path(path) / "report.json") || tiles::hasIndex(path) ||
+                                              io::isThere(fs::path(path) / "field.vdb"));
+  if (io::isFolder(path) && !results && io::isThere(fs::path(path) / "state.json"))
+    state = stateFile(path, "input.no_state", "there is nothing to show", {true, messages});
+  if (state) {
     result = describeState(*state);
     printData(json ? jsonText(result, 2) + "\n" : wordsOfState(result));
     return 0;

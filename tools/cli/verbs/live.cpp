@@ -360,10 +360,10 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
     }
     case LiveCommandKind::Approaches: {
       if (session.rolling() != nullptr) refuse("cannot be done with --rolling");
-      forgetApproaches(session, participant);  // those of before are of another map
       const std::vector<ToolSpec>& tools = session.tools();
       if (std::ranges::count_if(tools, [](const ToolSpec& tool) { return tool.tool.margin_m() == 0; }) > 1)
         refuse("cannot be done with several tools: poses do not say which tool they are for");
+      forgetApproaches(session, participant);  // those of before are of another map, also where there are none now
       ApproachOptions options = command.approach;
       if (options.from_W && session.levelling()) options.from_W = *session.levelling() * *options.from_W;
       const Approaches found = approaches(session.field(), options);
