@@ -9,7 +9,7 @@ from bpy.props import EnumProperty, IntProperty
 from .approaches_file import read_targets, tool_index
 from .arrows_object import APPROACH, TARGET
 from .points_ply import FieldError
-from .tool_choice import ToolChoice, selected_vertices
+from .tool_choice import ToolChoice, register_in_menus, selected_vertices, unregister_in_menus
 
 
 class OBJECT_OT_accessvdb_place_approach(ToolChoice, bpy.types.Operator):
@@ -96,16 +96,9 @@ def _menu(self, _context):
     self.layout.operator(OBJECT_OT_accessvdb_place_approach.bl_idname, text="Place tool at approach (AccessVDB)")
 
 
-_MENUS = ("VIEW3D_MT_object", "VIEW3D_MT_edit_mesh_vertices")
-
-
 def register():
-    bpy.utils.register_class(OBJECT_OT_accessvdb_place_approach)
-    for menu in _MENUS:
-        getattr(bpy.types, menu).append(_menu)
+    register_in_menus(OBJECT_OT_accessvdb_place_approach, _menu)
 
 
 def unregister():
-    for menu in _MENUS:
-        getattr(bpy.types, menu).remove(_menu)
-    bpy.utils.unregister_class(OBJECT_OT_accessvdb_place_approach)
+    unregister_in_menus(OBJECT_OT_accessvdb_place_approach, _menu)

@@ -7,7 +7,7 @@ import numpy as np
 from bpy.props import IntProperty
 
 from .points_ply import FieldError
-from .tool_choice import ToolChoice, selected_vertices
+from .tool_choice import ToolChoice, register_in_menus, selected_vertices, unregister_in_menus
 from .tool_frame import placement_L
 
 
@@ -51,16 +51,9 @@ def _menu(self, _context):
     self.layout.operator(OBJECT_OT_accessvdb_place_tool.bl_idname, text="Place tool at point (AccessVDB)")
 
 
-_MENUS = ("VIEW3D_MT_object", "VIEW3D_MT_edit_mesh_vertices")
-
-
 def register():
-    bpy.utils.register_class(OBJECT_OT_accessvdb_place_tool)
-    for menu in _MENUS:
-        getattr(bpy.types, menu).append(_menu)
+    register_in_menus(OBJECT_OT_accessvdb_place_tool, _menu)
 
 
 def unregister():
-    for menu in _MENUS:
-        getattr(bpy.types, menu).remove(_menu)
-    bpy.utils.unregister_class(OBJECT_OT_accessvdb_place_tool)
+    unregister_in_menus(OBJECT_OT_accessvdb_place_tool, _menu)

@@ -105,3 +105,19 @@ def _remove_tools(root):
             bpy.data.objects.remove(thing)
             if mesh.users == 0:
                 bpy.data.meshes.remove(mesh)
+
+
+_MENUS = ("VIEW3D_MT_object", "VIEW3D_MT_edit_mesh_vertices")
+
+
+def register_in_menus(operator, entry):
+    """An operator that places a tool, with its entry where points and arrows are selected."""
+    bpy.utils.register_class(operator)
+    for menu in _MENUS:
+        getattr(bpy.types, menu).append(entry)
+
+
+def unregister_in_menus(operator, entry):
+    for menu in _MENUS:
+        getattr(bpy.types, menu).remove(entry)
+    bpy.utils.unregister_class(operator)

@@ -26,13 +26,9 @@ ActionScene scannedPine(TableContext& context) {
   shape.height_end_m = pine.height_m - tree.centre_W.z();
   shape.azimuth_end_rad = 4 * 2 * std::numbers::pi;
   const sim::Simulator simulator(tree, sim::LidarModel::named("mid360"), sim::helix(shape, kFrames), 1);
-  FieldParams params;
-  params.tsdf.voxel_size_m = kVoxel_m;
-  params.tsdf.range_noise_m = 0;
+  FieldParams params = clearedParams(context, kVoxel_m);
   params.tsdf.clear_rays_m = 20;
   params.tsdf.platform_radius_m = 0.6;
-  params.backend = context.options.backend;
-  params.threads = context.options.threads;
   ActionScene scene = {
       "pine",
       tree.distance,
@@ -57,13 +53,8 @@ ActionScene scannedBenchmark(TableContext& context, const std::string& name) {
   request.scene = name;
   request.voxel_size_m = 0.005;
   const std::shared_ptr<const StoredScans> scans = context.scans.get(request);
-  FieldParams params;
-  params.tsdf.voxel_size_m = request.voxel_size_m;
-  params.tsdf.range_noise_m = 0;
-  params.tsdf.clear_rays_m = std::numeric_limits<double>::infinity();
+  FieldParams params = clearedParams(context, request.voxel_size_m);
   params.tsdf.platform_radius_m = pencil.reach_m() + 0.05;  // what carried the sensor
-  params.backend = context.options.backend;
-  params.threads = context.options.threads;
   ActionScene scene = {name,
                        scans->benchmark.scene.distance,
                        AccessibilityField(pencil, params),
@@ -80,6 +71,16 @@ ActionScene scannedBenchmark(TableContext& context, const std::string& name) {
 }
 
 }  // namespace
+
+FieldParams clearedParams(const TableContext& context, double voxel_size_m) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = voxel_size_m;
+  params.tsdf.range_noise_m = 0;
+  params.tsdf.clear_rays_m = std::numeric_limits<double>::infinity();
+  params.backend = context.options.backend;
+  params.threads = context.options.threads;
+  return params;
+}
 
 ActionScene makeActionScene(TableContext& context, const std::string& name) {
   ActionScene scene = name == "pine" ? scannedPine(context) : scannedBenchmark(context, name);

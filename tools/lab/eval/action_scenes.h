@@ -25,6 +25,9 @@ struct ActionScene {
 
 inline constexpr const char* kActionScenes[] = {"torus", "table_underside", "pine"};
 
+/// Of scans without noise, all rays cleared to the sensor.
+[[nodiscard]] FieldParams clearedParams(const TableContext& context, double voxel_size_m);
+
 /// The first two at 5 mm with the pencil, the pine at 50 mm with the pruner. @param name  of kActionScenes
 [[nodiscard]] ActionScene makeActionScene(TableContext& context, const std::string& name);
 

@@ -3,7 +3,6 @@
 /// Approaches that are proposed, judged by the exact scene: are their poses free, also with their room, and how much of
 /// what is accessible do they cover?
 #include <cstdio>
-#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -11,6 +10,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/approaches.h"
 #include "accessvdb/tool_spec.h"
+#include "eval/action_scenes.h"
 #include "eval/ground_truth.h"
 #include "eval/table_context.h"
 
@@ -111,13 +111,7 @@ void makeApproachesTable(TableContext& context) {
     request.scene = scene;
     request.voxel_size_m = 0.005;
     const std::shared_ptr<const StoredScans> scans = context.scans.get(request);
-    FieldParams params;
-    params.tsdf.voxel_size_m = request.voxel_size_m;
-    params.tsdf.range_noise_m = 0;
-    params.tsdf.clear_rays_m = std::numeric_limits<double>::infinity();
-    params.backend = context.options.backend;
-    params.threads = context.options.threads;
-    AccessibilityField field(withMargins({{pencil}}, {0.02, 0.05}), params);
+    AccessibilityField field(withMargins({{pencil}}, {0.02, 0.05}), clearedParams(context, request.voxel_size_m));
     context.device = field.deviceName();
     for (const StoredFrame& frame : scans->frames) {
       context.options.observer.checkStop();
