@@ -977,6 +977,20 @@ class AccessibilityField:
         per: str = ...,
         allow_unknown: bool = ...,
     ) -> Dict[str, Any]: ...
+    def views(
+        self,
+        *,
+        most: int = ...,
+        azimuth_deg: float = ...,
+        elevation_deg: Tuple[float, float] = ...,
+        pitches_deg: Sequence[float] = ...,
+        rays: float = ...,
+        max_range_m: float = ...,
+        body_radius_m: float = ...,
+        from_W: Optional[_Three] = ...,
+        within_m: float = ...,
+        travel_m: float = ...,
+    ) -> Dict[str, Any]: ...
     def write(
         self,
         folder: _Path,

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Where to go first, how far a tool can turn, and how far the next obstacle is.
+/// Where to go first, where to look next, how far a tool can turn, and how far the next obstacle is.
 #include "accessvdb/approaches.h"
 
 #include <pybind11/stl.h>
@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "accessvdb/distance_field.h"
+#include "accessvdb/next_views.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
 #include "bindings/query.h"
@@ -60,6 +61,30 @@ py::object approachesOf(LockedField& field, const py::object& most, const py::ob
   return py::module_::import("json").attr("loads")(text);
 }
 
+py::object viewsOf(LockedField& field, const py::object& most, const py::object& azimuth_deg,
+                   const py::object& elevation_deg, const std::vector<double>& pitches_deg, const py::object& rays,
+                   const py::object& max_range_m, const py::object& body_radius_m, const py::object& from_W,
+                   const py::object& within_m, const py::object& travel_m) {
+  constexpr double kRadians = M_PI / 180;
+  ViewOptions options;
+  options.most = wholeFrom("most", most);
+  options.sensor.azimuth_rad = numberFrom("azimuth_deg", azimuth_deg) * kRadians;
+  if (!py::isinstance<py::sequence>(elevation_deg) || py::len(elevation_deg) != 2)
+    throw InvalidArgument("python.value", "elevation_deg", "is not two angles, the lower one first");
+  options.sensor.elevation_min_rad = numberFrom("elevation_deg", elevation_deg[py::int_(0)]) * kRadians;
+  options.sensor.elevation_max_rad = numberFrom("elevation_deg", elevation_deg[py::int_(1)]) * kRadians;
+  options.sensor.pitches_rad.clear();
+  for (const double pitch_deg : pitches_deg) options.sensor.pitches_rad.push_back(pitch_deg * kRadians);
+  options.sensor.rays = numberFrom("rays", rays);
+  options.sensor.max_range_m = numberFrom("max_range_m", max_range_m);
+  options.body_radius_m = numberFrom("body_radius_m", body_radius_m);
+  if (!from_W.is_none()) options.from_W = vector3("from_W", from_W);
+  options.within_m = numberFrom("within_m", within_m);
+  options.travel_m = numberFrom("travel_m", travel_m);
+  const std::string text = field.run([&](AccessibilityField& f) { return io::viewsJson(nextViews(f, options)); });
+  return py::module_::import("json").attr("loads")(text);
+}
+
 /// Of a grid of (X, Y, Z).
 template <typename Scalar>
 py::array arrayIn(const py::object& self, const std::vector<Scalar>& values) {
@@ -101,7 +126,15 @@ void bindApproaches(py::class_<LockedField>& field) {
            py::arg("within_m") = std::numeric_limits<double>::infinity(), py::arg("per") = "",
            py::arg("allow_unknown") = false,
            "Where to go first, and how: the content of approaches.json. Targets are spread over what the tool reaches, "
-           "the best first, each with poses before contact, at contact and to retreat to.");
+           "the best first, each with poses before contact, at contact and to retreat to.")
+      .def("views", &viewsOf, py::kw_only(), py::arg("most") = 5, py::arg("azimuth_deg") = 360.0,
+           py::arg("elevation_deg") = py::make_tuple(-7.0, 52.0), py::arg("pitches_deg") = std::vector<double>{0},
+           py::arg("rays") = 200000, py::arg("max_range_m") = std::numeric_limits<double>::infinity(),
+           py::arg("body_radius_m") = 0.0, py::arg("from_W") = py::none(),
+           py::arg("within_m") = std::numeric_limits<double>::infinity(), py::arg("travel_m") = 0.0,
+           "Where to look next: the content of views.json. Poses of the sensor (world from sensor, x forward, z up) "
+           "from which points would resolve that were seen too rarely, from the wrong side, or with unknown space "
+           "before them; never one at which the body is not known to be free.");
 }
 
 }  // namespace accessvdb::python

@@ -11,7 +11,7 @@ namespace accessvdb::python {
 
 /// Number of a tool. @throws InvalidArgument "tool.index"
 std::size_t toolFrom(const pybind11::object& tool);
-/// distance_grid(), free_arcs_deg() and approaches().
+/// distance_grid(), free_arcs_deg(), approaches() and views().
 void bindApproaches(pybind11::class_<LockedField>& field);
 /// query(), query_along(), fits() and fits_along().
 void bindQueries(pybind11::class_<LockedField>& field);

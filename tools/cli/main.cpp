@@ -38,6 +38,7 @@ int main(int argc, char** argv) {
        {"query", "label, reason and best direction at given points", runQuery},
        {"diff", "what changed between two maps of the same place", runDiff},
        {"approaches", "where to go first, and how: poses before, at and after contact", runApproaches},
+       {"views", "where to look next: poses of the sensor that resolve most points", runViews},
        {"whatif", "what a cut would open, and in which order to cut", runWhatIf},
        {"render", "a picture of a field or of a tool, no display needed", runRender},
        {"report", "a field as one page for a browser, no network needed", runReport},

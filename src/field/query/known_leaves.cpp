@@ -3,23 +3,18 @@
 #include "accessvdb/known_leaves.h"
 
 #include <algorithm>
-#include <vector>
 
 #include "field/field_access.h"
+#include "field/query/known_space.h"
 #include "tsdf/leaf_facts.h"
 
 namespace accessvdb {
 
 void forEachKnownLeaf(const AccessibilityField& field, const std::function<void(const KnownLeaf& leaf)>& visit) {
   const internal::PackedMap& map = internal::FieldAccess::map(field);
-  std::vector<openvdb::Coord> origins;
-  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) origins.push_back(leaf->origin());
-  for (const auto& [origin, voxels] : map.leftOut().inOrder()) origins.push_back(origin);
-  std::sort(origins.begin(), origins.end());
-  origins.erase(std::unique(origins.begin(), origins.end()), origins.end());
   internal::ConstPackedAccessor accessor(map.tree());
   constexpr auto kNone = [](std::uint64_t word) { return word == 0; };
-  for (const openvdb::Coord& origin : origins) {
+  for (const openvdb::Coord& origin : internal::knownLeafOrigins(map)) {
     const auto facts = internal::factsAt(map, accessor, origin);
     if (!facts) continue;
     const KnownLeaf leaf = {{origin.x(), origin.y(), origin.z()}, facts->collides_on, facts->arm_free_on};

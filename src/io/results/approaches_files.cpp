@@ -1,11 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// approaches.json, approaches.csv and approaches.ply.
-#include <array>
-#include <bit>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <sstream>
@@ -13,22 +10,13 @@
 #include "accessvdb/approaches.h"
 #include "accessvdb/attributes.h"
 #include "accessvdb/field_io.h"
-#include "io/results/label_colours.h"
-#include "io/results/program_version.h"
+#include "io/results/pose_numbers.h"
+#include "io/results/pyramids_ply.h"
 
 namespace accessvdb::io {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-std::array<double, 7> numbersOf(const Eigen::Isometry3d& T_WT) {
-  Eigen::Quaterniond q(T_WT.linear());
-  if (q.w() < 0) q.coeffs() = -q.coeffs();
-  const Eigen::Vector3d& p = T_WT.translation();
-  std::array<double, 7> numbers = {p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()};
-  for (double& number : numbers) number += 0.0;  // no -0
-  return numbers;
-}
 
 /// As few digits as a float32 has.
 double shortened(float value) { return std::round(static_cast<double>(value) * 1e6) / 1e6; }
@@ -37,15 +25,10 @@ std::string nameOf(const ApproachTarget& target, const std::vector<std::string>&
   return target.tool < tools.size() ? tools[target.tool] : std::to_string(target.tool);
 }
 
-Json jsonOf(const Eigen::Isometry3d& T_WT) {
-  const std::array<double, 7> n = numbersOf(T_WT);
-  return {{"position", {n[0], n[1], n[2]}}, {"orientation_wxyz", {n[3], n[4], n[5], n[6]}}};
-}
-
 Json jsonOf(const ApproachPath& path) {
-  return {{"pre_contact", jsonOf(path.pre_contact_T_WT)},
-          {"contact", jsonOf(path.contact_T_WT)},
-          {"retreat", jsonOf(path.retreat_T_WT)},
+  return {{"pre_contact", internal::poseJson(path.pre_contact_T_WT)},
+          {"contact", internal::poseJson(path.contact_T_WT)},
+          {"retreat", internal::poseJson(path.retreat_T_WT)},
           {"direction", path.direction},
           {"roll", path.roll},
           {"collisions", path.collisions},
@@ -69,7 +52,7 @@ std::string csvOf(const Approaches& found, const std::vector<std::string>& tools
            << "," << shortened(path.free_arc_deg) << "," << shortened(target.confidence) << "," << path.collisions
            << "," << path.seen_free_m;
       for (const Eigen::Isometry3d& T_WT : {path.pre_contact_T_WT, path.contact_T_WT, path.retreat_T_WT})
-        for (const double number : numbersOf(T_WT)) text << "," << number;
+        for (const double number : internal::poseNumbers(T_WT)) text << "," << number;
       text << "\n";
     }
   }
@@ -78,49 +61,20 @@ std::string csvOf(const Approaches& found, const std::vector<std::string>& tools
 
 /// A slender pyramid for each approach, from the pre-contact pose to the point, which is its tip: the first of a target
 /// green, the others grey.
-void writePly(std::ostream& stream, const Approaches& found) {
-  static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
-  std::size_t arrows = 0;
-  for (const ApproachTarget& target : found.targets) arrows += target.approaches.size();
-  stream << "ply\nformat binary_little_endian 1.0\ncomment AccessVDB " << internal::programVersion()
-         << "\nelement vertex " << 5 * arrows
-         << "\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nproperty uchar green\n"
-            "property uchar blue\nproperty int target\nelement face "
-         << 5 * arrows << "\nproperty list uchar int vertex_indices\nend_header\n";
-  const auto put = [&](const auto& value) {
-    stream.write(reinterpret_cast<const char*>(&value), static_cast<std::streamsize>(sizeof value));
-  };
+void writeArrows(std::ostream& stream, const Approaches& found) {
+  std::vector<internal::Pyramid> arrows;
   std::int32_t number = 0;
   for (const ApproachTarget& target : found.targets) {
     bool first = true;
     for (const ApproachPath& path : target.approaches) {
-      const auto colour = internal::colourOf(first ? PointLabel::Accessible : PointLabel::Unscored);
-      const Eigen::Matrix3d& R = path.contact_T_WT.linear();
-      const Eigen::Vector3d tip = path.contact_T_WT.translation(), base = path.pre_contact_T_WT.translation();
-      const double half_m = 0.04 * (base - tip).norm();
-      const std::array<Eigen::Vector3d, 5> corners = {
-          tip, base + half_m * (R.col(1) + R.col(2)), base + half_m * (R.col(1) - R.col(2)),
-          base - half_m * (R.col(1) + R.col(2)), base - half_m * (R.col(1) - R.col(2))};
-      for (const Eigen::Vector3d& p : corners) {
-        for (int axis = 0; axis < 3; ++axis) put(p[axis]);
-        for (const std::uint8_t part : colour) put(part);
-        put(number);
-      }
+      const Eigen::Vector3d tip_W = path.contact_T_WT.translation(), base_W = path.pre_contact_T_WT.translation();
+      arrows.push_back({tip_W, base_W, path.contact_T_WT.linear(), 0.04 * (base_W - tip_W).norm(),
+                        first ? PointLabel::Accessible : PointLabel::Unscored, number});
       first = false;
     }
     ++number;
   }
-  const auto face = [&](std::initializer_list<std::int32_t> corners, std::int32_t begin) {
-    put(static_cast<std::uint8_t>(corners.size()));
-    for (const std::int32_t corner : corners) put(begin + corner);
-  };
-  for (std::int32_t begin = 0; begin < static_cast<std::int32_t>(5 * arrows); begin += 5) {
-    face({0, 1, 2}, begin);
-    face({0, 2, 3}, begin);
-    face({0, 3, 4}, begin);
-    face({0, 4, 1}, begin);
-    face({4, 3, 2, 1}, begin);
-  }
+  internal::writePyramids(stream, arrows, "target");
 }
 
 }  // namespace
@@ -152,7 +106,7 @@ void writeApproaches(const std::filesystem::path& folder, const Approaches& foun
                      const std::vector<std::string>& tools) {
   writeFileDurably(folder / "approaches.json", [&](std::ostream& stream) { stream << approachesJson(found, tools); });
   writeFileDurably(folder / "approaches.csv", [&](std::ostream& stream) { stream << csvOf(found, tools); });
-  writeFileDurably(folder / "approaches.ply", [&](std::ostream& stream) { writePly(stream, found); });
+  writeFileDurably(folder / "approaches.ply", [&](std::ostream& stream) { writeArrows(stream, found); });
 }
 
 }  // namespace accessvdb::io

@@ -158,6 +158,7 @@ bool isOwnJson(const fs::path& file) {
       {"tool_sha256", "removed"},
       {"tool_sha256", "cuts"},                                         // whatif
       {"accessible_points", "tried_without_way", "targets"},           // approaches
+      {"unresolved_points", "poses_compared", "views"},                // views
       {"schema", "version", "scene", "trajectory", "frames_written"},  // simulate
       {"schema", "origin", "finished", "rows"},                        // evaluate
       {"schema", "version", "command", "maps", "comparisons"}};        // consistency
@@ -195,7 +196,7 @@ bool isOwn(const fs::path& output) {
   if (kind == ".mcap") return begins("\x89MCAP0\r\n") && begins("AccessVDB ", 25);
   if (kind == ".bt") return begins("# Octomap OcTree binary file\n# AccessVDB ");
   if (kind == ".gpkg") return begins("SQLite format 3") && has("accessible points, written by AccessVDB");
-  if (kind == ".csv") return begins(io::kTableBegin) || begins("target,approach,point,");
+  if (kind == ".csv") return begins(io::kTableBegin) || begins("target,approach,point,") || begins("view,resolves,of_confidence,");
   if (kind == ".md")
     return has("- command: accessvdb-lab evaluate") || has("- command: accessvdb evaluate") ||
            begins("# Consistency of labels from recorded scans");

@@ -17,6 +17,7 @@ int runTile(const Arguments& arguments, Messages& messages);
 int runRender(const Arguments& arguments, Messages& messages);
 int runDiff(const Arguments& arguments, Messages& messages);
 int runApproaches(const Arguments& arguments, Messages& messages);
+int runViews(const Arguments& arguments, Messages& messages);
 int runWhatIf(const Arguments& arguments, Messages& messages);
 int runExport(const Arguments& arguments, Messages& messages);
 int runReport(const Arguments& arguments, Messages& messages);

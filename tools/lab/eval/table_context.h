@@ -87,6 +87,8 @@ void addApproachRow(TableContext& context, const AccessibilityField& field,
 void makeFitsTable(TableContext& context);
 // table_of_plans.cpp: ways to approaches, planned with OMPL. @throws InvalidArgument "evaluate.ompl" without it
 void makePlansTable(TableContext& context);
+// table_of_views.cpp: where to look next.
+void makeViewsTable(TableContext& context);
 
 // table_of_pine.cpp: takes minutes to hours, so not part of "all".
 void makePineTable(TableContext& context);

@@ -43,6 +43,7 @@ constexpr Table kTables[] = {
     {"gone", false, makeGoneTable},
     {"fits", false, makeFitsTable},
     {"plans", false, makePlansTable},
+    {"views", false, makeViewsTable},
     {"pine", false, makePineTable},
     {"pine_forms", false, makePineFormTable},
 };
