@@ -64,6 +64,9 @@ void makeIncrementalTable(TableContext& context);
 void makeHprTable(TableContext& context);
 void makeProjectiveTable(TableContext& context);
 
+// table_of_pseudo_truth.cpp: judging without a scene, calibrated where there is one.
+void makePseudoTruthTable(TableContext& context);
+
 // table_of_change.cpp: things that come and go.
 void makeChangeTable(TableContext& context);
 // table_of_cuts.cpp: part of it; what a cut would open, against scanning without what is cut.

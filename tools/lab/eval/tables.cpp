@@ -39,6 +39,7 @@ constexpr Table kTables[] = {
     {"approaches", true, makeApproachesTable},
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
+    {"pseudo_truth", false, makePseudoTruthTable},
     {"change", false, makeChangeTable},
     {"gone", false, makeGoneTable},
     {"fits", false, makeFitsTable},
