@@ -24,7 +24,7 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
      "--deskew --level "
      "--cloud "
      "--odom --imu --domain --network --queue --max-message --min-range --max-range --range-noise --segments "
-     "--append --replay-log "},
+     "--append --replay-log --pseudo-truth --halves --densities "},
     {"Tool",
      " --tool --tool-name --tool-unit --tool-tip --tool-axis --tool-up --orientations --rolls --max-collisions "
      "--corridor "

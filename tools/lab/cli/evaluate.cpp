@@ -26,12 +26,6 @@ std::string tableList() {
   return list;
 }
 
-std::string commandLine(const Arguments& arguments) {
-  std::string line = "accessvdb-lab evaluate";
-  for (const std::string& argument : arguments) line += " " + argument;
-  return printable(line);
-}
-
 void say(const eval::TableResults& results, const fs::path& out, Messages& messages) {
   std::size_t met = 0;
   std::string missed;
@@ -56,7 +50,14 @@ void say(const eval::TableResults& results, const fs::path& out, Messages& messa
 
 }  // namespace
 
+std::string labCommandLine(const std::string& verb, const Arguments& arguments) {
+  std::string line = std::string(kLab) + " " + verb;
+  for (const std::string& argument : arguments) line += " " + argument;
+  return printable(line);
+}
+
 int runEvaluate(const Arguments& arguments, Messages& messages) {
+  if (wantsPseudoTruth(arguments)) return runPseudoTruth(arguments, messages);
   CommonOptions common;
   std::vector<std::string> tables;
   std::string out, cache, change = "block", points = "all";
@@ -65,7 +66,9 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   flags.describe("evaluate",
                  "Simulates the scenes of the paper's tables, maps them, and compares every label with exact ground "
                  "truth.",
-                 "accessvdb-lab evaluate --table fast --out out/eval");
+                 "accessvdb-lab evaluate --table fast --out out/eval\n"
+                 "  accessvdb-lab evaluate --pseudo-truth scans/ --poses poses.txt --tool builtin:pruner --voxel 0.03 "
+                 "--out out/   (recordings; its flags: evaluate --pseudo-truth --help)");
   addCommonOptions(flags, common);
   flags.list("--table", tables,
              "which tables: " + tableList() +
@@ -115,7 +118,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   options.observer.stop = [] { return stopSignal() != 0; };
   const eval::TableResults results = eval::makeTables(options);
 
-  const eval::TableOrigin origin = {{"command", commandLine(arguments)},
+  const eval::TableOrigin origin = {{"command", labCommandLine("evaluate", arguments)},
                                     {"version", ACCESSVDB_VERSION},
                                     {"machine", eval::machineInWords()},
                                     {"threads", common.threads > 0 ? std::to_string(common.threads) : "all"},
