@@ -38,6 +38,8 @@ class SurfacePoints {
   }
   /// Whether points have SurfacePoint::margin_m.
   [[nodiscard]] virtual bool hasMargins() const { return false; }
+  /// Whether they have SurfacePoint::access_probability.
+  [[nodiscard]] virtual bool hasProbability() const { return false; }
   /// What the first return of a point had, where scans say it and points.las is to.
   struct FirstReturn {
     double gps_time = 0;

@@ -91,6 +91,9 @@ struct SurfacePoint {
   float weight = 0;                ///< [w] observations behind the confidence
   float confidence = 0;            ///< [c] in [0, 1)
   float stability = 1;             ///< [a] in [0, 1]
+  /// How likely it is, in [0, 1], that the exact tool reaches the point in the cone around this normal
+  /// (access_probability.h). -1: nothing is said, as of points that are unscored or whose normal alone decides.
+  float access_probability = -1;
   PointLabel label = PointLabel::Unscored;
   PointReason reason = PointReason::Confidence;
   /// Accessible, c*a above UpdateParams::stability_min, and an update() came after the last scan and left no point

@@ -64,7 +64,8 @@ inline bool sameVerdict(const SurfacePoint& a, const SurfacePoint& b) {
          a.roll == b.roll && same(a.stability, b.stability) && same(a.weight, b.weight) &&
          same(a.confidence, b.confidence) && same(a.normal_W.x(), b.normal_W.x()) &&
          same(a.normal_W.y(), b.normal_W.y()) && same(a.normal_W.z(), b.normal_W.z()) && a.confident == b.confident &&
-         same(a.yaw_rad, b.yaw_rad) && a.direction_W == b.direction_W;
+         same(a.access_probability, b.access_probability) && same(a.yaw_rad, b.yaw_rad) &&
+         a.direction_W == b.direction_W;
 }
 
 inline std::string text(const SurfacePoint& p) {

@@ -48,8 +48,9 @@ std::unique_ptr<const SurfacePoints> fromScratch(const FieldStages& field, std::
   ScoringTables tables = setup.tables(field.mirrors.grid());
   tables.rule.keep_best = false;
   for (const auto& result : again.score(items, tables)) tests += result.tests;
-  const ScoredField scored = {again,        *field.backend, field.gate.origin_W(), setup.tool().rolls,
-                              field.core(), false,          field.withheld(),      &field.points.attributes()};
+  const ScoredField scored = {
+      again,        *field.backend, field.gate.origin_W(), setup.tool().rolls,        setup.tool().collision_limit,
+      field.core(), false,          field.withheld(),      &field.points.attributes()};
   return scoredPoints(scored, PointStates::AsOfTheLastUpdate);
 }
 
@@ -75,10 +76,15 @@ void requireIds(const FieldStages& field, std::span<const std::uint32_t> ids) {
 
 ScoredField scoredFor(const FieldStages& field, std::size_t tool) {
   const ToolScoring& scoring = field.tools.at(tool);
-  return {*scoring.scorer,       *field.backend,
-          field.gate.origin_W(), scoring.setup.tool().rolls,
-          field.core(),          field.labels.backlog > 0 || !field.labels.current,
-          field.withheld(),      &field.points.attributes()};
+  return {*scoring.scorer,
+          *field.backend,
+          field.gate.origin_W(),
+          scoring.setup.tool().rolls,
+          scoring.collisionLimit(),
+          field.core(),
+          field.labels.backlog > 0 || !field.labels.current,
+          field.withheld(),
+          &field.points.attributes()};
 }
 
 std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field) {

@@ -13,6 +13,7 @@
 
 #include "accessvdb/survey_frame.h"
 #include "field/left_out_points.h"
+#include "field/query/access_probability.h"
 #include "field/query/withheld.h"
 #include "field/tools/tool_heading.h"
 
@@ -62,6 +63,7 @@ class ScoredPoints final : public SurfacePoints {
         first_(first),
         weights_(count),
         rolls_(field.rolls.count),
+        probability_(scorer_.params(), field.collision_limit),
         headings_(toolHeadings(scorer_.params().approach, field.rolls)) {
     std::vector<std::uint32_t> ids(std::min(count, kWeightsPerBlock));
     for (std::uint32_t begin = 0; begin < count; begin += kWeightsPerBlock) {
@@ -78,6 +80,7 @@ class ScoredPoints final : public SurfacePoints {
   }
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return origin_W_; }
   [[nodiscard]] double voxel_size_m() const override { return scorer_.params().tsdf.voxel_size_m; }
+  [[nodiscard]] bool hasProbability() const override { return scorer_.params().update.policy == UpdatePolicy::Exact; }
   [[nodiscard]] std::vector<std::string> attributeNames() const override {
     std::vector<std::string> names;
     if (attributes_ == nullptr) return names;
@@ -113,6 +116,7 @@ class ScoredPoints final : public SurfacePoints {
   std::uint32_t first_;
   std::vector<std::uint16_t> weights_;
   int rolls_;
+  ProbabilityModel probability_;
   std::vector<ToolHeading> headings_;  ///< per direction and roll
 };
 
@@ -146,6 +150,7 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
     point.direction_W = heading.direction_W;
     point.orientation_WT = heading.orientation_WT;
   }
+  point.access_probability = probability_.of(point);
   point.confident = point.label == PointLabel::Accessible && !some_wait_ &&
                     point.confidence * point.stability > static_cast<float>(scorer_.params().update.stability_min);
   return point;
@@ -166,6 +171,7 @@ class CorePoints final : public SurfacePoints {
   [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override { return all_->position_W(ids_[index]); }
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return all_->origin_W(); }
   [[nodiscard]] double voxel_size_m() const override { return all_->voxel_size_m(); }
+  [[nodiscard]] bool hasProbability() const override { return all_->hasProbability(); }
   [[nodiscard]] std::vector<std::string> attributeNames() const override { return all_->attributeNames(); }
   [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
     return all_->attribute(ids_[index], column);

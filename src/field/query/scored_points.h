@@ -28,6 +28,7 @@ struct ScoredField {
   kernels::Backend& backend;  ///< the one that holds the scorer's arrays
   Eigen::Vector3d origin_W;
   ToolRolls rolls;
+  std::uint16_t collision_limit = 1;                  ///< [n_c] of the tool
   std::optional<VoxelColumnBox> core = std::nullopt;  ///< of a tile, whose other points are not the user's
   bool some_wait = false;                             ///< the last update left a backlog: no label is certain
   std::span<const std::uint8_t> withheld = {};        ///< by id, see LeftOutPoints; later points are not

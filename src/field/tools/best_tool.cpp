@@ -41,13 +41,14 @@ bool isOpen(const ToolVerdict& tool) {
 }  // namespace
 
 std::vector<ToolTraits> toolTraits(const std::vector<ToolSpec>& tools,
-                                   const std::vector<std::uint16_t>& collision_limits) {
+                                   const std::vector<std::uint16_t>& collision_limits, const FieldParams& resolved) {
   std::vector<ToolTraits> traits;
   std::uint8_t family = 0;
   for (std::size_t k = 0; k < tools.size(); ++k) {
     const double margin_m = tools[k].tool.margin_m();
     if (k > 0 && margin_m == 0) ++family;
-    traits.push_back({collision_limits[k], family, static_cast<float>(margin_m)});
+    traits.push_back(
+        {collision_limits[k], family, static_cast<float>(margin_m), ProbabilityModel(resolved, collision_limits[k])});
   }
   return traits;
 }
@@ -81,6 +82,7 @@ SurfacePoint pointOfTools(std::span<const SurfacePoint> tools, std::span<const T
   if (traits.back().family + 1U == traits.size()) return point;  // each is a family of its own: there are no margins
   for (std::size_t k = best; k < traits.size() && traits[k].family == traits[best].family; ++k)
     if ((reach >> k & 1) != 0) point.margin_m = std::max(point.margin_m, traits[k].margin_m);
+  if (point.margin_m >= 0) point.access_probability = traits[best].probability.of(point);
   return point;
 }
 

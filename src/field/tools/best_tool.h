@@ -10,6 +10,7 @@
 
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tool_spec.h"
+#include "field/query/access_probability.h"
 #include "field/query/query_source.h"
 #include "field/query/scored_points.h"
 
@@ -21,10 +22,12 @@ struct ToolTraits {
   /// The tools of a family are the same tool with different margins, one behind the other.
   std::uint8_t family = 0;
   float margin_m = 0;
+  ProbabilityModel probability = {};
 };
-/// @param tools, collision_limits  of each tool
+/// @param tools, collision_limits  of each tool  @param resolved  of the field
 [[nodiscard]] std::vector<ToolTraits> toolTraits(const std::vector<ToolSpec>& tools,
-                                                 const std::vector<std::uint16_t>& collision_limits);
+                                                 const std::vector<std::uint16_t>& collision_limits,
+                                                 const FieldParams& resolved);
 
 /// Whether it is not the first of its family.
 [[nodiscard]] bool isGrown(std::span<const ToolTraits> traits, std::size_t k);
@@ -58,6 +61,7 @@ class PointsOfTools final : public SurfacePoints {
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return tools_.front()->origin_W(); }
   [[nodiscard]] double voxel_size_m() const override { return tools_.front()->voxel_size_m(); }
   [[nodiscard]] bool hasMargins() const override { return traits_.back().family + 1U < traits_.size(); }
+  [[nodiscard]] bool hasProbability() const override { return tools_.front()->hasProbability(); }
   [[nodiscard]] std::vector<std::string> attributeNames() const override { return tools_.front()->attributeNames(); }
   [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
     return tools_.front()->attribute(index, column);

@@ -74,7 +74,7 @@ class ToolsOfField {
   /// How far the results of any of them depend on what is around.
   [[nodiscard]] WindowMargins margins() const;
   [[nodiscard]] std::vector<std::uint16_t> collisionLimits() const;
-  [[nodiscard]] std::vector<ToolTraits> traits() const { return toolTraits(specs_, collisionLimits()); }
+  [[nodiscard]] std::vector<ToolTraits> traits() const { return toolTraits(specs_, collisionLimits(), front().params); }
 
   /// Forgets the state of all points. The scheduler has to be made again.
   void forget();
