@@ -60,12 +60,13 @@ struct ApproachTarget {
   std::uint32_t point = 0;  ///< SurfacePoint::id
   Eigen::Vector3d position_W = {0, 0, 0};
   Eigen::Vector3f normal_W = {0, 0, 0};
-  std::size_t tool = 0;    ///< of the field's tools
-  float margin_m = -1;     ///< SurfacePoint::margin_m; all of its approaches have that much room in contact
-  float confidence = 0;    ///< SurfacePoint::confidence
-  double distance_m = 0;   ///< from ApproachOptions::from_W; 0 without it
-  std::size_t covers = 0;  ///< accessible points that are nearer to it than the spacing
-  std::int32_t value = 0;  ///< of the attribute `per`
+  std::size_t tool = 0;           ///< of the field's tools
+  float margin_m = -1;            ///< SurfacePoint::margin_m; all of its approaches have that much room in contact
+  float confidence = 0;           ///< SurfacePoint::confidence
+  float access_probability = -1;  ///< SurfacePoint::access_probability; nothing is ranked by it
+  double distance_m = 0;          ///< from ApproachOptions::from_W; 0 without it
+  std::size_t covers = 0;         ///< accessible points that are nearer to it than the spacing
+  std::int32_t value = 0;         ///< of the attribute `per`
   std::vector<ApproachPath> approaches;  ///< at least one
   std::string why;                       ///< what it was ranked by, in words
 };

@@ -228,10 +228,11 @@ typedef struct accessvdb_point {
   uint8_t roll;        ///< version 5: index of the best roll in that direction
   uint8_t tool;        ///< version 5: of several tools, the first that reaches the point, else the closest
   uint8_t reserved[3];
-  float orientation_WT[4];  ///< version 5: quaternion w x y z, world from tool, in that direction; 1 0 0 0 = none
-  uint32_t tools;           ///< version 5: of several tools, bit k is 1 if tool k reaches the point
-  float margin_m;           ///< version 7: of a field with margins, the largest with which the tool still reaches the
-                            ///< point; -1 = it does not, or there are none
+  float orientation_WT[4];   ///< version 5: quaternion w x y z, world from tool, in that direction; 1 0 0 0 = none
+  uint32_t tools;            ///< version 5: of several tools, bit k is 1 if tool k reaches the point
+  float margin_m;            ///< version 7: of a field with margins, the largest with which the tool still reaches the
+                             ///< point; -1 = it does not, or there are none
+  float access_probability;  ///< version 7: how likely the exact tool reaches the point, [0, 1]; -1 = nothing is said
 } accessvdb_point;
 
 typedef struct accessvdb_counts {

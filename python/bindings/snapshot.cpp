@@ -32,6 +32,8 @@ std::vector<Column> pointColumns() {
       column("margin_m", &P::margin_m,
              "(N,) float32, of a field with_margins(): the largest with which the tool still reaches the point; -1: "
              "none."),
+      column("access_probability", &P::access_probability,
+             "(N,) float32, how likely the exact tool reaches the point, [0, 1]; -1: nothing is said."),
       column("score", &P::score, "(N,) uint16, fewest collisions of any direction, or NO_SCORE."),
       column("weight", &P::weight, "(N,) float32, [w] observations behind the confidence."),
       column("confidence", &P::confidence, "(N,) float32, [c] in [0, 1)."),
@@ -93,6 +95,7 @@ void bindSurfacePoint(py::module_& module) {
       .def_readonly("tool", &P::tool)
       .def_readonly("tools", &P::tools)
       .def_readonly("margin_m", &P::margin_m)
+      .def_readonly("access_probability", &P::access_probability)
       .def_readonly("score", &P::score)
       .def_readonly("weight", &P::weight)
       .def_readonly("confidence", &P::confidence)

@@ -32,6 +32,7 @@ accessvdb_point pointToC(const SurfacePoint& p) {
   c.tool = p.tool;
   c.tools = p.tools;
   c.margin_m = p.margin_m;
+  c.access_probability = p.access_probability;
   const Eigen::Quaternionf& q = p.orientation_WT;
   const float wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
   std::copy_n(wxyz, 4, c.orientation_WT);

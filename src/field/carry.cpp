@@ -17,12 +17,13 @@ namespace accessvdb {
 namespace {
 
 /// Columns of our files, and those of their readers that mean something else.
-constexpr std::array<std::string_view, 47> kOurs = {
-    "x",      "y",     "z",           "nx",        "ny",   "nz",    "red",        "green",        "blue",     "label",
-    "reason", "score", "confidence",  "stability", "dx",   "dy",    "dz",         "yaw",          "qw",       "qx",
-    "qy",     "qz",    "orientation", "roll",      "tool", "tools", "margin_m",   "free_arc_deg", "id",       "p",
-    "n",      "cd",    "pscale",      "direction", "scan", "index", "accessible", "blocked",      "unscored", "alpha",
-    "group",  "point", "tile",        "fid",       "geom", "all",   "position"};
+constexpr std::array<std::string_view, 48> kOurs = {
+    "x",      "y",         "z",        "nx",           "ny",         "nz",        "red",         "green",
+    "blue",   "label",     "reason",   "score",        "confidence", "stability", "dx",          "dy",
+    "dz",     "yaw",       "qw",       "qx",           "qy",         "qz",        "orientation", "roll",
+    "tool",   "tools",     "margin_m", "free_arc_deg", "id",         "p",         "n",           "cd",
+    "pscale", "direction", "scan",     "index",        "accessible", "blocked",   "unscored",    "alpha",
+    "group",  "point",     "tile",     "fid",          "geom",       "all",       "position",    "access_probability"};
 constexpr std::size_t kLongestColumn = 31;  // and a byte for the end, as LAS has it
 constexpr std::size_t kMostCarried = 26;    // 24 and --index
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/access_probability.h"
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/config.h"
 #include "accessvdb/surface_points.h"
@@ -51,6 +52,7 @@ class PointsWithArcs final : public SurfacePoints {
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return points_.origin_W(); }
   [[nodiscard]] double voxel_size_m() const override { return points_.voxel_size_m(); }
   [[nodiscard]] bool hasMargins() const override { return points_.hasMargins(); }
+  [[nodiscard]] bool hasProbability() const override { return points_.hasProbability(); }
   [[nodiscard]] std::vector<std::string> attributeNames() const override { return points_.attributeNames(); }
   [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
     return points_.attribute(index, column);
@@ -81,6 +83,9 @@ io::FieldMetadata metadataOf(const AccessibilityField& field) {
     metadata.insert(metadata.end(), {{prefix, tools[k].tool.name()},
                                      {prefix + "_reach_m", std::to_string(tools[k].tool.reach_m())},
                                      {prefix + "_collision_limit", std::to_string(field.collisionLimit(k))}});
+  }
+  if (field.params().update.policy == UpdatePolicy::Exact) {
+    metadata.emplace_back("access_probability", kProbabilityFit);
   }
   metadata.emplace_back("device", field.deviceName());
   const std::string description = describeTools(tools, field.params());

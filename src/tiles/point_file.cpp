@@ -18,7 +18,8 @@ constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
 constexpr const char* kCountLine = "element vertex ";
 constexpr const char* kComment = "comment ";
 constexpr const char *kOrientationLine = "property ushort orientation", *kRollLine = "property uchar roll",
-                     *kToolsLine = "property uint tools", *kMarginLine = "property float margin_m";
+                     *kToolsLine = "property uint tools", *kMarginLine = "property float margin_m",
+                     *kProbabilityLine = "property float access_probability";
 
 }  // namespace
 
@@ -81,6 +82,7 @@ TilePointsHeader readHeader(HashedFile& file) {
     header.columns.roll = header.columns.roll || text == kRollLine;
     header.columns.tools = header.columns.tools || text == kToolsLine;
     header.columns.margin = header.columns.margin || text == kMarginLine;
+    header.columns.probability = header.columns.probability || text == kProbabilityLine;
     if (text.starts_with(internal::kPointsPlyCarried))
       header.carried.push_back(text.substr(std::strlen(internal::kPointsPlyCarried)));
     if (text.starts_with(kCountLine)) {

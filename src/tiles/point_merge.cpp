@@ -129,13 +129,15 @@ std::uint64_t mergePoints(const std::filesystem::path& out, const Plan& plan, co
   const internal::PointsPlyColumns columns = streams.front().header().columns;
   for (const PointStream& tile : streams) {
     if (tile.header().columns == columns) continue;
-    throw InputError("tile.damaged", out.string(), "has tiles with and without orientations, rolls, tools or margins",
+    throw InputError("tile.damaged", out.string(),
+                     "has tiles with and without orientations, rolls, tools, margins or probabilities",
                      "Delete the folder of its tiles and run accessvdb tile run again");
   }
   io::writeFileDurably(file, [&](std::ostream& stream) {
     if (file.extension() == ".las") {
       internal::LasContent content = lasContent(plan, tiles, points, streams.front().header().carried);
       content.margins = columns.margin;
+      content.probability = columns.probability;
       internal::LasWriter writer(stream, content);
       std::vector<std::int32_t> carried(columns.carried);
       forEachRecord([&](const char* record, const First& first) {

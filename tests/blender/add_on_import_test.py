@@ -117,7 +117,7 @@ class AddOnImport(unittest.TestCase):
         for row in range(0, len(records), 7):
             found_W = world[:3, :3] @ np.array(mesh.vertices[row].co) + world[:3, 3]
             np.testing.assert_allclose(found_W, self.points.positions_W()[row], atol=1e-6)
-            for name in ("label", "reason", "confidence", "stability"):
+            for name in ("label", "reason", "confidence", "stability", "access_probability"):
                 self.assertEqual(mesh.attributes[name].data[row].value, records[name][row], name)
             score = int(records["score"][row])
             self.assertEqual(mesh.attributes["score"].data[row].value, -1 if score == NO_SCORE else score)

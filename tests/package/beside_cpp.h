@@ -49,6 +49,7 @@ inline void expectSame(const accessvdb_point& c, const SurfacePoint& p) {
   ASSERT_EQ(c.weight, p.weight) << "point " << p.id;
   ASSERT_EQ(c.confidence, p.confidence) << "point " << p.id;
   ASSERT_EQ(c.stability, p.stability) << "point " << p.id;
+  ASSERT_EQ(c.access_probability, p.access_probability) << "point " << p.id;
   ASSERT_EQ(c.direction, p.direction) << "point " << p.id;
   ASSERT_EQ(c.roll, p.roll) << "point " << p.id;
   ASSERT_EQ(c.tool, p.tool) << "point " << p.id;

@@ -180,6 +180,7 @@ TEST(CApiParity, SeveralTools) {
       ASSERT_EQ(points[n].tool, snapshot.points[n].tool);
       ASSERT_EQ(points[n].tools, snapshot.points[n].tools);
       ASSERT_EQ(points[n].margin_m, snapshot.points[n].margin_m);
+      ASSERT_EQ(points[n].access_probability, snapshot.points[n].access_probability);
       ASSERT_EQ(points[n].score, snapshot.points[n].score);
       others += points[n].tool;
     }

@@ -346,6 +346,11 @@ TEST(Approaches, HaveFilesThatSayTheSame) {
   const std::string csv = io::contentAt(scratch / "approaches.csv"), ply = io::contentAt(scratch / "approaches.ply");
   EXPECT_EQ(static_cast<std::size_t>(std::count(csv.begin(), csv.end(), '\n')), paths + 1);
   EXPECT_NE(ply.find("element vertex " + std::to_string(5 * paths)), std::string::npos);
+  EXPECT_EQ(csv.substr(csv.find('\n') - 19, 19), ",access_probability");
+  for (const ApproachTarget& target : found.targets) {
+    EXPECT_GT(target.access_probability, 0.5F);  // its point is accessible
+    EXPECT_EQ(target.access_probability, field.snapshot().points.at(target.point).access_probability);
+  }
   const std::size_t header = ply.find("end_header\n") + 11;
   EXPECT_EQ(ply.size() - header, paths * (5 * (3 * 8 + 3 + 4) + 4 * (1 + 12) + 1 + 16));
   EXPECT_EQ(io::contentAt(scratch / "approaches.json"),

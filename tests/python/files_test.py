@@ -73,7 +73,8 @@ class Files(unittest.TestCase):
             accessvdb.read_points_ply(self.folder / "field" / "points.ply"),
             accessvdb.StoredField(str(self.folder / "field")).points,
         ):
-            for name in ("label", "reason", "position_W", "normal_W", "direction_W", "score", "confidence", "stability"):
+            for name in ("label", "reason", "position_W", "normal_W", "direction_W", "score", "confidence", "stability",
+                         "access_probability"):
                 np.testing.assert_array_equal(getattr(again, name), getattr(self.snapshot, name), name)
             self.assertEqual(again.voxel_size_m, self.snapshot.voxel_size_m)
             np.testing.assert_array_equal(again.origin_W, self.snapshot.origin_W)

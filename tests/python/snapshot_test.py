@@ -26,6 +26,7 @@ COLUMNS = {
     "tool": (np.uint8, 1),
     "tools": (np.uint32, 1),
     "margin_m": (np.float32, 1),
+    "access_probability": (np.float32, 1),
     "score": (np.uint16, 1),
     "weight": (np.float32, 1),
     "confidence": (np.float32, 1),

@@ -427,6 +427,7 @@ void Search::addWays(const std::vector<Candidate>& targets, const WayBack& way) 
     target.tool = candidate.point.tool;
     target.margin_m = candidate.point.margin_m;
     target.confidence = candidate.point.confidence;
+    target.access_probability = candidate.point.access_probability;
     target.distance_m = candidate.distance_m;
     target.covers = covers_[candidate.point.id];
     target.value = candidate.value;

@@ -43,7 +43,7 @@ std::string csvOf(const Approaches& found, const std::vector<std::string>& tools
   text << "target,approach,point,tool,margin_m,free_arc_deg,confidence,collisions,seen_free_m";
   for (const char* pose : {"pre_contact", "contact", "retreat"})
     for (const char* part : {"x", "y", "z", "qw", "qx", "qy", "qz"}) text << "," << pose << "_" << part;
-  text << "\n";
+  text << ",access_probability\n";  // last: whoever reads by number finds the others where they were
   for (std::size_t n = 0; n < found.targets.size(); ++n) {
     const ApproachTarget& target = found.targets[n];
     for (std::size_t k = 0; k < target.approaches.size(); ++k) {
@@ -53,7 +53,8 @@ std::string csvOf(const Approaches& found, const std::vector<std::string>& tools
            << "," << path.seen_free_m;
       for (const Eigen::Isometry3d& T_WT : {path.pre_contact_T_WT, path.contact_T_WT, path.retreat_T_WT})
         for (const double number : internal::poseNumbers(T_WT)) text << "," << number;
-      text << "\n";
+      text << "," << shortened(target.access_probability) << "
+";
     }
   }
   return text.str();
@@ -91,6 +92,8 @@ std::string approachesJson(const Approaches& found, const std::vector<std::strin
                 {"tool", nameOf(target, tools)},
                 {"margin_m", target.margin_m < 0 ? Json(nullptr) : Json(shortened(target.margin_m))},
                 {"confidence", shortened(target.confidence)},
+                {"access_probability",
+                 target.access_probability < 0 ? Json(nullptr) : Json(shortened(target.access_probability))},
                 {"distance_m", target.distance_m},
                 {"covers_points", target.covers},
                 {"value", target.value == kNoAttribute ? Json(nullptr) : Json(target.value)},

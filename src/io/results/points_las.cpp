@@ -169,7 +169,7 @@ std::vector<LasRecord> recordsOf(const SurveyFrame& frame) {
 
 /// Of extra bytes.
 std::size_t columnsOf(const LasContent& content) {
-  return kColumns.size() + (content.margins ? 2 : 0) + content.carried.size();
+  return kColumns.size() + (content.margins ? 2 : 0) + (content.probability ? 1 : 0) + content.carried.size();
 }
 
 LasHeader headerOf(const LasContent& content, const LasGrid& grid) {
@@ -218,7 +218,10 @@ std::int32_t LasGrid::steps(double x_W, int axis) const {
 }
 
 LasWriter::LasWriter(std::ostream& stream, const LasContent& content)
-    : stream_(stream), grid_(content.origin_W, content.frame), margins_(content.margins) {
+    : stream_(stream),
+      grid_(content.origin_W, content.frame),
+      margins_(content.margins),
+      probability_(content.probability) {
   write(stream_, headerOf(content, grid_));
   for (const LasRecord& record : recordsOf(content.frame)) {
     RecordHead own;
@@ -246,6 +249,7 @@ LasWriter::LasWriter(std::ostream& stream, const LasContent& content)
     describe({ExtraType::F32, "margin_m", "room around the tool, -1 none"});
     describe({ExtraType::F32, "free_arc_deg", "how far the tool can turn"});
   }
+  if (probability_) describe({ExtraType::F32, "access_probability", "0 to 1, -1 nothing is said"});
   for (std::size_t n = 0; n < content.carried.size(); ++n) {
     if (lower(content.carried[n]) == kClass) class_ = n;
     ExtraBytes extra;
@@ -282,6 +286,7 @@ void LasWriter::add(const SurfacePoint& point, std::span<const std::int32_t> car
     write(stream_, point.margin_m);
     write(stream_, point.free_arc_deg);
   }
+  if (probability_) write(stream_, point.access_probability);
   for (const std::int32_t value : carried) write(stream_, value);
 }
 
@@ -290,8 +295,9 @@ void LasWriter::add(const SurfacePoint& point, std::span<const std::int32_t> car
 namespace accessvdb::io {
 
 void writePointsLas(const std::filesystem::path& path, const SurfacePoints& points, const SurveyFrame& frame) {
-  internal::LasContent content = {points.origin_W(),  {}, {}, points.size(), points.attributeNames(), frame,
-                                  points.hasMargins()};
+  internal::LasContent content = {
+      points.origin_W(),      {}, {}, points.size(), points.attributeNames(), frame, points.hasMargins(),
+      points.hasProbability()};
   Eigen::AlignedBox3d box;
   for (std::size_t n = 0; n < points.size(); ++n) box.extend(points.position_W(n));
   content.min_W = box.min();

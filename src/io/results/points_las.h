@@ -35,7 +35,8 @@ struct LasContent {
   std::uint64_t points = 0;
   std::vector<std::string> carried = {};  ///< names of what the returns carried
   SurveyFrame frame = {};
-  bool margins = false;  ///< SurfacePoints::hasMargins()
+  bool margins = false;      ///< SurfacePoints::hasMargins()
+  bool probability = false;  ///< SurfacePoints::hasProbability()
 
   /// Bytes of a point behind LAS's own and kColumns.
   [[nodiscard]] std::size_t furtherBytes() const { return (carried.size() + (margins ? 2 : 0)) * 4; }
@@ -54,7 +55,7 @@ class LasWriter {
  private:
   std::ostream& stream_;
   LasGrid grid_;
-  bool margins_;
+  bool margins_, probability_;
   std::optional<std::size_t> class_;  ///< which of the carried values is the point's class
 };
 

@@ -12,6 +12,7 @@
 #include "bags/mcap_writer.h"
 #include "io/results/foxglove_schemas.h"
 #include "io/results/label_colours.h"
+#include "io/results/points_ply.h"
 #include "io/results/program_version.h"
 #include "io/results/protobuf_message.h"
 
@@ -37,9 +38,11 @@ ProtobufMessage rotationMessage(const Eigen::Quaterniond& q) {
 /// Records of points, as the message has them.
 class PackedPoints {
  public:
-  explicit PackedPoints(const std::vector<std::string>& attributes) {
+  /// @param probability  points have access probabilities
+  PackedPoints(const std::vector<std::string>& attributes, bool probability) : probability_(probability) {
     for (const char* axis : {"x", "y", "z"}) addField(axis, Packed::Float32, 4);
     addField("confidence", Packed::Float32, 4);
+    if (probability_) addField("access_probability", Packed::Float32, 4);
     for (const std::string& name : attributes) addField(name, Packed::Int32, 4);
     addField("score", Packed::Uint16, 2);
     for (const char* name : {"label", "reason", "red", "green", "blue", "alpha"}) addField(name, Packed::Uint8, 1);
@@ -49,6 +52,7 @@ class PackedPoints {
     const Eigen::Vector3f p_L = (point.position_W - origin_W).cast<float>();
     for (int axis = 0; axis < 3; ++axis) put(p_L[axis]);
     put(point.confidence);
+    if (probability_) put(point.access_probability);
     for (const std::int32_t value : carried) put(value);
     put(point.score);
     put(static_cast<std::uint8_t>(point.label));
@@ -76,6 +80,7 @@ class PackedPoints {
     data_.append(reinterpret_cast<const char*>(&value), sizeof value);
   }
 
+  bool probability_;
   std::uint32_t stride_ = 0;
   std::vector<ProtobufMessage> fields_;
   std::string data_;
@@ -118,7 +123,7 @@ PointsMcap pointsMcap(const std::vector<std::filesystem::path>& points, const Mc
   }
   const std::uint64_t every = oneOfSoMany(made.points, options.most_points);
   const std::uint64_t every_arrow = oneOfSoMany(made.accessible, options.most_arrows);
-  PackedPoints cloud(header.attributes);
+  PackedPoints cloud(header.attributes, internal::pointsPlyColumns(header.metadata).probability);
   ProtobufMessage entity;
   entity.message(1, timeMessage()).bytes(2, kMap).bytes(3, "approaches").whole(5, 1);
   std::uint64_t at = 0, accessible = 0;

@@ -30,14 +30,6 @@ std::string oneLine(std::string text) {
   return text;
 }
 
-/// Files of yaw have the columns that they had from the start.
-internal::PointsPlyColumns columnsOf(const FieldMetadata& metadata) {
-  const auto has = [&](const char* name) {
-    return std::any_of(metadata.begin(), metadata.end(), [&](const auto& entry) { return entry.first == name; });
-  };
-  return {has("orientations"), has("orientations") && has("rolls"), has("tools"), has("margins_m"), 0};
-}
-
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
   stream << "ply\nformat binary_little_endian 1.0\n";
   stream << "comment AccessVDB " << internal::programVersion() << "\n";
@@ -52,7 +44,7 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   for (const auto& property : internal::kPointsPlyProperties) {
     stream << "property " << property.type << " " << property.name << "\n";
   }
-  const internal::PointsPlyColumns columns = columnsOf(metadata);
+  const internal::PointsPlyColumns columns = internal::pointsPlyColumns(metadata);
   for (const auto& property : internal::kPointsPlyOrientation) {
     if (columns.orientation) stream << "property " << property.type << " " << property.name << "\n";
   }
@@ -64,6 +56,10 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   }
   for (const auto& property : internal::kPointsPlyMargin) {
     if (columns.margin) stream << "property " << property.type << " " << property.name << "\n";
+  }
+  if (columns.probability) {
+    stream << "property " << internal::kPointsPlyProbability.type << " " << internal::kPointsPlyProbability.name
+           << "\n";
   }
   for (const std::string& name : points.attributeNames()) stream << internal::kPointsPlyCarried << name << "\n";
   stream << "end_header\n";
@@ -93,7 +89,8 @@ char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyCo
   }
   if (columns.roll) to = put(to, point.roll);
   if (columns.tools) to = put(put(to, point.tool), point.tools);
-  return columns.margin ? put(put(to, point.margin_m), point.free_arc_deg) : to;
+  if (columns.margin) to = put(put(to, point.margin_m), point.free_arc_deg);
+  return columns.probability ? put(to, point.access_probability) : to;
 }
 
 }  // namespace
@@ -101,7 +98,7 @@ char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyCo
 void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points, const FieldMetadata& metadata) {
   writeFileDurably(path, [&](std::ostream& stream) {
     writeHeader(stream, points, metadata);
-    internal::PointsPlyColumns columns = columnsOf(metadata);
+    internal::PointsPlyColumns columns = internal::pointsPlyColumns(metadata);
     columns.carried = points.attributeNames().size();
     std::vector<char> block(internal::kPointsPlyRecordsPerBlock * columns.recordBytes());
     char* to = block.data();
@@ -122,3 +119,19 @@ void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& fiel
 }
 
 }  // namespace accessvdb::io
+
+namespace accessvdb::internal {
+
+PointsPlyColumns pointsPlyColumns(const io::FieldMetadata& metadata) {
+  const auto has = [&](const char* name) {
+    return std::any_of(metadata.begin(), metadata.end(), [&](const auto& entry) { return entry.first == name; });
+  };
+  return {has("orientations"),
+          has("orientations") && has("rolls"),
+          has("tools"),
+          has("margins_m"),
+          has(kProbabilityFitKey),
+          0};
+}
+
+}  // namespace accessvdb::internal

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "accessvdb/field_io.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb::internal {
@@ -49,22 +50,30 @@ inline constexpr std::array<PointProperty, 2> kPointsPlyTools = {{{"uchar", "too
 /// there; -1: it does not reach it.
 inline constexpr std::array<PointProperty, 2> kPointsPlyMargin = {{{"float", "margin_m"}, {"float", "free_arc_deg"}}};
 
+/// Behind those, of the product's update policy: SurfacePoint::access_probability.
+inline constexpr PointProperty kPointsPlyProbability = {"float", "access_probability"};
+/// Files with it say which constants it is from: kProbabilityFit.
+inline constexpr const char* kProbabilityFitKey = "access_probability";
+
 /// Which of these a file has.
 struct PointsPlyColumns {
   bool orientation = false;  ///< kPointsPlyOrientation
   bool roll = false;         ///< kPointsPlyRoll, only with orientation
   bool tools = false;        ///< kPointsPlyTools
   bool margin = false;       ///< kPointsPlyMargin, only with tools
+  bool probability = false;  ///< kPointsPlyProbability
   std::size_t carried = 0;   ///< behind all of them, attributes of the returns as int
 
   [[nodiscard]] constexpr std::size_t recordBytes() const {
     return kPointsPlyRecordBytes + (orientation ? 4 * 4 + 2 : 0) + (roll ? 1 : 0) + (tools ? 1 + 4 : 0) +
-           (margin ? 2 * 4 : 0) + 4 * carried;
+           (margin ? 2 * 4 : 0) + (probability ? 4 : 0) + 4 * carried;
   }
   /// Where they are in a record.
   [[nodiscard]] constexpr std::size_t carriedBegin() const { return recordBytes() - 4 * carried; }
   friend bool operator==(const PointsPlyColumns&, const PointsPlyColumns&) = default;
 };
+/// Of a field with this metadata, without the attributes of its returns.
+[[nodiscard]] PointsPlyColumns pointsPlyColumns(const io::FieldMetadata& metadata);
 /// Read and written at a time.
 inline constexpr std::size_t kPointsPlyRecordsPerBlock = 16384;
 inline constexpr double kDegreesPerRadian = 57.295779513082320876798;

@@ -148,11 +148,20 @@ class PlyReader {
   static constexpr std::size_t kMostProperties = 64;
   /// @param properties  "type name" of each, in their order
   static std::optional<internal::PointsPlyColumns> columnsOf(const std::vector<std::string>& properties) {
-    constexpr internal::PointsPlyColumns kKinds[] = {
-        {false, false, false, false, 0}, {true, false, false, false, 0}, {true, true, false, false, 0},
-        {false, false, true, false, 0},  {true, false, true, false, 0},  {true, true, true, false, 0},
-        {false, false, true, true, 0},   {true, false, true, true, 0},   {true, true, true, true, 0}};
-    for (const internal::PointsPlyColumns& columns : kKinds) {
+    constexpr internal::PointsPlyColumns kKinds[] = {{},
+                                                     {true},
+                                                     {true, true},
+                                                     {false, false, true},
+                                                     {true, false, true},
+                                                     {true, true, true},
+                                                     {false, false, true, true},
+                                                     {true, false, true, true},
+                                                     {true, true, true, true}};
+    const std::string last = properties.empty() ? "" : properties.back();
+    const bool probability =
+        last == std::string(internal::kPointsPlyProbability.type) + " " + internal::kPointsPlyProbability.name;
+    for (internal::PointsPlyColumns columns : kKinds) {
+      columns.probability = probability;
       std::vector<std::string> expected;
       const auto add = [&](const internal::PointProperty& property) {
         expected.push_back(std::string(property.type) + " " + property.name);
@@ -168,6 +177,7 @@ class PlyReader {
       for (const auto& property : internal::kPointsPlyMargin) {
         if (columns.margin) add(property);
       }
+      if (columns.probability) add(internal::kPointsPlyProbability);
       if (properties == expected) return columns;
     }
     return std::nullopt;
@@ -201,7 +211,8 @@ class PlyReader {
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
                         std::isfinite(point.yaw_rad) && point.orientation_WT.coeffs().allFinite() &&
-                        std::isfinite(point.margin_m) && std::isfinite(point.free_arc_deg);
+                        std::isfinite(point.margin_m) && std::isfinite(point.free_arc_deg) &&
+                        std::isfinite(point.access_probability);
     if (!finite || static_cast<int>(point.label) >= kNumPointLabels ||
         static_cast<int>(point.reason) >= kNumPointReasons || point.tool >= kMostTools) {
       fail("malformed",
@@ -332,6 +343,7 @@ SurfacePoint pointOfRecord(const char* from, const PointsPlyColumns& columns) {
     point.margin_m = io::take<float>(from);
     point.free_arc_deg = io::take<float>(from);
   }
+  if (columns.probability) point.access_probability = io::take<float>(from);
   return point;
 }
 

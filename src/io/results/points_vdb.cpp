@@ -12,6 +12,7 @@
 #include "accessvdb/error.h"
 #include "io/results/field_grids.h"
 #include "io/results/label_colours.h"
+#include "io/results/points_ply.h"
 #include "io/results/surface_voxels.h"
 #include "vdb/point_grids.h"
 
@@ -71,9 +72,8 @@ class PositionColumn {
 /// Makes the grid column by column.
 class PointGridMaker {
  public:
-  /// @param margins  some of the tools are grown
-  PointGridMaker(const SurfacePoints& points, const io::WriteOptions& options, bool margins)
-      : points_(points), options_(options), margins_(margins) {}
+  PointGridMaker(const SurfacePoints& points, const io::WriteOptions& options, const PointsPlyColumns& columns)
+      : points_(points), options_(options), columns_(columns) {}
   [[nodiscard]] PointDataGrid::Ptr make();
 
  private:
@@ -90,7 +90,7 @@ class PointGridMaker {
 
   const SurfacePoints& points_;
   const io::WriteOptions& options_;
-  bool margins_;
+  PointsPlyColumns columns_;
   openvdb::tools::PointIndexGrid::Ptr index_;
   PointDataGrid::Ptr grid_;
 };
@@ -138,9 +138,12 @@ PointDataGrid::Ptr PointGridMaker::make() {
   addColumn<int>("reason", [](const SurfacePoint& p, io::UpAxis) { return static_cast<int>(p.reason); });
   addColumn<int>(
       "score", [](const SurfacePoint& p, io::UpAxis) { return p.score == kNoScore ? -1 : static_cast<int>(p.score); });
-  if (margins_) {
+  if (columns_.margin) {
     addColumn<float>("margin_m", [](const SurfacePoint& p, io::UpAxis) { return p.margin_m; });
     addColumn<float>("free_arc_deg", [](const SurfacePoint& p, io::UpAxis) { return p.free_arc_deg; });
+  }
+  if (columns_.probability) {
+    addColumn<float>("access_probability", [](const SurfacePoint& p, io::UpAxis) { return p.access_probability; });
   }
   const std::vector<std::string> carried = points_.attributeNames();
   for (std::size_t c = 0; c < carried.size(); ++c) {
@@ -162,10 +165,9 @@ void writePointsVdb(const std::filesystem::path& path, const SurfacePoints& poin
                     const WriteOptions& options) {
   openvdb::initialize();
   const auto file_metadata = internal::fieldMetadata(points, metadata, options);
-  const bool margins =
-      std::any_of(metadata.begin(), metadata.end(), [](const auto& entry) { return entry.first == "margins_m"; });
+  const internal::PointsPlyColumns columns = internal::pointsPlyColumns(metadata);
   const auto make = [&]() -> openvdb::GridBase::Ptr {
-    const auto grid = internal::PointGridMaker(points, options, margins).make();
+    const auto grid = internal::PointGridMaker(points, options, columns).make();
     for (const char* name : {"origin_W_x", "origin_W_y", "origin_W_z", "length_unit", "up_axis", "accessvdb_version"}) {
       grid->insertMeta(name, *file_metadata[name]);
     }

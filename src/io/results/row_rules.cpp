@@ -51,6 +51,10 @@ RowRules::RowRules(const PointsPlyColumns& columns, const io::FieldMetadata& met
 const char* RowRules::contradictionIn(const SurfacePoint& point) const {
   if (!isShare(point.confidence) || !isShare(point.stability))
     return "its confidence or stability is not between 0 and 1";
+  if (columns_.probability && point.access_probability != -1) {
+    if (!isShare(point.access_probability)) return "its access probability is neither between 0 and 1 nor -1";
+    if (point.label == PointLabel::Unscored) return "it is unscored, but has an access probability";
+  }
   if (!isUnitOrZero(squaredNorm(point.normal_W))) return "its normal is neither of unit length nor zero";
   if (!isUnitOrZero(squaredNorm(point.direction_W))) return "its direction is neither of unit length nor zero";
   if (columns_.orientation && !isUnit(point.orientation_WT.coeffs().squaredNorm()))

@@ -126,6 +126,35 @@ TEST(PointsPly, ReadsBackWhatWasWritten) {
   EXPECT_EQ(back.reasons()[0], 200u);  // none: the accessible ones
 }
 
+/// One more column behind the others, in files that say whose constants it is from; those of before are read as ever.
+TEST(PointsPly, SayHowLikelyTheToolReachesAPoint) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  io::FieldMetadata metadata = kMetadata;
+  metadata.emplace_back("access_probability", "1");
+  io::writePointsPly(folder / "points.ply", field, metadata);
+  const ParsedPly ply(contentOf(folder / "points.ply"));
+  EXPECT_EQ(ply.names.size(), 19U);
+  EXPECT_EQ(ply.names.back(), "access_probability");
+  const FieldSnapshot back = io::readPointsPly(folder / "points.ply");
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    ASSERT_EQ(ply.rows[i].back(), field.points[i].access_probability);
+    ASSERT_EQ(back.points[i].access_probability, field.points[i].access_probability);
+  }
+  io::writePointsPly(folder / "before.ply", field, kMetadata);
+  for (const SurfacePoint& point : io::readPointsPly(folder / "before.ply").points)
+    ASSERT_EQ(point.access_probability, -1);
+
+  const auto refuses = [&](std::size_t n, float probability) {
+    FieldSnapshot wrong = field;
+    wrong.points[n].access_probability = probability;
+    io::writePointsPly(folder / "wrong.ply", wrong, metadata);
+    EXPECT_THROW((void)io::readPointsPly(folder / "wrong.ply"), InputError) << n << " " << probability;
+  };
+  refuses(0, 0.5F);  // unscored
+  for (const float probability : {1.5F, -0.5F, std::nanf("")}) refuses(1, probability);
+}
+
 /// A field of other orientations than yaw: five more columns behind the others, whose bytes are the same.
 TEST(PointsPly, SaysHowTheToolIsHeldWhereItTilts) {
   const ScratchFolder folder;

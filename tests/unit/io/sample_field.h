@@ -43,6 +43,7 @@ inline FieldSnapshot sampleField() {
         point.direction_W = {std::cos(point.yaw_rad), std::sin(point.yaw_rad), 0.0f};
         point.score = static_cast<std::uint16_t>(n);
       }
+      if (point.label != PointLabel::Unscored) point.access_probability = static_cast<float>(n % 8) / 8;
       point.confident = point.label == PointLabel::Accessible && point.confidence * point.stability > 0.7f;
       field.points.push_back(point);
     }

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from .materials import linear_from_srgb, point_material
-from .points_ply import MARGINS, NO_SCORE, TOOLS
+from .points_ply import MARGINS, NO_SCORE, PROBABILITY, TOOLS
 
 _BALL_SHARE = 0.5  # radius of a drawn point, as a share of the voxel size
 _SCORE_OF_NONE = -1  # as in the grid "score"
@@ -47,6 +47,8 @@ def _attributes(points):
     for name in MARGINS:
         if name in records.dtype.names:
             yield name, "FLOAT", records[name].astype(np.float32)
+    if PROBABILITY in records.dtype.names:
+        yield PROBABILITY, "FLOAT", records[PROBABILITY].astype(np.float32)
     yield "label", "INT", records["label"].astype(np.int32)
     yield "reason", "INT", records["reason"].astype(np.int32)
     yield "score", "INT", score

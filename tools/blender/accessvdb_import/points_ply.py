@@ -23,6 +23,9 @@ TOOLS = ("tool", "tools")
 #: Columns of tools with margins: metres of room around the tool, and degrees that it can turn; -1 where it does not
 #: reach the point.
 MARGINS = ("margin_m", "free_arc_deg")
+#: How likely the tool reaches the point, 0 to 1; -1 where nothing is said. Files of before, and of the paper's
+#: profile, have none.
+PROBABILITY = "access_probability"
 LABELS = ("unscored", "accessible", "blocked")
 REASONS = ("none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed",
            "beside_surface")

@@ -92,9 +92,9 @@ PreparedFile targetLayer(const std::filesystem::path& file, const std::vector<st
                          const SurveyFrame& frame) {
   using Type = gis::LayerColumn::Type;
   const bool in_tiles = points.size() > 1;
-  std::vector<gis::LayerColumn> columns = {{"point", Type::Whole}, {"score", Type::Whole}, {"confidence", Type::Real},
-                                           {"dx", Type::Real},     {"dy", Type::Real},     {"dz", Type::Real},
-                                           {"yaw", Type::Real}};
+  std::vector<gis::LayerColumn> columns = {
+      {"point", Type::Whole}, {"score", Type::Whole}, {"confidence", Type::Real}, {"access_probability", Type::Real},
+      {"dx", Type::Real},     {"dy", Type::Real},     {"dz", Type::Real},         {"yaw", Type::Real}};
   if (in_tiles) columns.push_back({"tile", Type::Text});
   if (!points.empty()) {
     for (const std::string& name : io::readPointsHeader(points.front()).attributes)
@@ -112,6 +112,7 @@ PreparedFile targetLayer(const std::filesystem::path& file, const std::vector<st
       std::vector<gis::Value> values = {static_cast<std::int32_t>(point.id),
                                         static_cast<std::int32_t>(point.score),
                                         real(point.confidence),
+                                        point.access_probability < 0 ? gis::Value() : real(point.access_probability),
                                         real(back.x()),
                                         real(back.y()),
                                         real(back.z()),

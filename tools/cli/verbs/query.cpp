@@ -113,17 +113,19 @@ Json jsonAnswer(const tiles::StoredAnswer& stored, const std::vector<std::string
   if (answer.point) {
     const SurfacePoint& point = *answer.point;
     const bool has_direction = point.direction != kNoDirection;
-    json["point"] = {{"id", point.id},
-                     {"position", jsonVector(point.position_W)},
-                     {"offset_m", answer.point_distance_m},
-                     {"label", name(point.label)},
-                     {"reason", name(point.reason)},
-                     {"direction", has_direction ? jsonVector(point.direction_W) : Json(nullptr)},
-                     {"yaw_deg", has_direction ? Json(yawDegrees(point)) : Json(nullptr)},
-                     {"score", point.score != kNoScore ? Json(point.score) : Json(nullptr)},
-                     {"confidence", point.confidence},
-                     {"stability", point.stability},
-                     {"normal", jsonVector(point.normal_W)}};
+    json["point"] = {
+        {"id", point.id},
+        {"position", jsonVector(point.position_W)},
+        {"offset_m", answer.point_distance_m},
+        {"label", name(point.label)},
+        {"reason", name(point.reason)},
+        {"direction", has_direction ? jsonVector(point.direction_W) : Json(nullptr)},
+        {"yaw_deg", has_direction ? Json(yawDegrees(point)) : Json(nullptr)},
+        {"score", point.score != kNoScore ? Json(point.score) : Json(nullptr)},
+        {"confidence", point.confidence},
+        {"stability", point.stability},
+        {"access_probability", point.access_probability < 0 ? Json(nullptr) : Json(point.access_probability)},
+        {"normal", jsonVector(point.normal_W)}};
     if (has_direction && !isUpright(point)) {
       const Eigen::Quaternionf& q = point.orientation_WT;
       json["point"]["pitch_deg"] = pitchDegrees(point);
