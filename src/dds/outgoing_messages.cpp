@@ -20,11 +20,20 @@ struct Field {
   std::uint8_t type;
 };
 /// rgb is a float whose bits are 0x00RRGGBB, as PCL and RViz have it.
-constexpr Field kFields[] = {{"x", 0, kFloat32},     {"y", 4, kFloat32},     {"z", 8, kFloat32},
-                             {"rgb", 12, kFloat32},  {"id", 16, kUint32},    {"label", 20, kUint8},
-                             {"reason", 21, kUint8}, {"score", 22, kUint16}, {"confidence", 24, kFloat32},
-                             {"dx", 28, kFloat32},   {"dy", 32, kFloat32},   {"dz", 36, kFloat32},
-                             {"tools", 40, kUint32}};
+constexpr Field kFields[] = {{"x", 0, kFloat32},
+                             {"y", 4, kFloat32},
+                             {"z", 8, kFloat32},
+                             {"rgb", 12, kFloat32},
+                             {"id", 16, kUint32},
+                             {"label", 20, kUint8},
+                             {"reason", 21, kUint8},
+                             {"score", 22, kUint16},
+                             {"confidence", 24, kFloat32},
+                             {"dx", 28, kFloat32},
+                             {"dy", 32, kFloat32},
+                             {"dz", 36, kFloat32},
+                             {"access_probability", 40, kFloat32},
+                             {"tools", 44, kUint32}};
 
 template <typename T>
 void put(char* point, std::size_t offset, T value) {
@@ -41,13 +50,14 @@ void putPoint(char* to, SurfacePoint point, const OutgoingFrame& frame) {
     put(to, static_cast<std::size_t>(4 * axis), static_cast<float>(point.position_W[axis]));
     put(to, static_cast<std::size_t>(28 + 4 * axis), point.direction_W[axis]);
   }
-  if (frame.several_tools) put(to, 40, point.tools);
+  if (frame.several_tools) put(to, 44, point.tools);
   put(to, 12, (std::uint32_t{rgb[0]} << 16) | (std::uint32_t{rgb[1]} << 8) | rgb[2]);
   put(to, 16, point.id);
   put(to, 20, static_cast<std::uint8_t>(point.label));
   put(to, 21, static_cast<std::uint8_t>(point.reason));
   put(to, 22, point.score);
   put(to, 24, point.confidence);
+  put(to, 40, point.access_probability);
 }
 
 void putHeader(CdrWriter& message, std::int64_t stamp_ns, const OutgoingFrame& frame) {

@@ -15,7 +15,7 @@
 namespace accessvdb::dds {
 
 /// Bytes of one point in the clouds below.
-inline constexpr std::size_t kPointBytes = 40;
+inline constexpr std::size_t kPointBytes = 44;
 
 /// Of several tools each point also says which of them reach it.
 inline constexpr std::size_t kToolBytes = 4;
@@ -27,7 +27,8 @@ struct OutgoingFrame {
   bool several_tools = false;
 };
 
-/// sensor_msgs/PointCloud2 with x y z rgb id label reason score confidence dx dy dz, and tools if there are several.
+/// sensor_msgs/PointCloud2 with x y z rgb id label reason score confidence dx dy dz access_probability, and tools if
+/// there are several.
 [[nodiscard]] std::string cloudMessage(const SurfacePoints& points, std::int64_t stamp_ns, const OutgoingFrame& frame);
 [[nodiscard]] std::string cloudMessage(std::span<const SurfacePoint> points, std::int64_t stamp_ns,
                                        const OutgoingFrame& frame);

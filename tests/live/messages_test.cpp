@@ -76,6 +76,7 @@ TEST(LiveMessages, PublishedCloudsAreCloudsOfRos) {
     points[n].reason = static_cast<PointReason>(6 - n);
     points[n].score = static_cast<std::uint16_t>(300 + n);
     points[n].confidence = 0.25F;
+    points[n].access_probability = 0.5F;
   }
   for (const char* frame : {"", "odom", "a_longer_frame"}) {
     const std::string cdr = cloudMessage(points, 1'700'000'000'123'456'789, {frame});
@@ -99,6 +100,7 @@ TEST(LiveMessages, PublishedCloudsAreCloudsOfRos) {
       EXPECT_EQ(read(std::uint16_t{}, 22), 300 + n);
       EXPECT_EQ(read(0.0F, 24), 0.25F);
       EXPECT_EQ(read(0.0F, 32), -1.0F);
+      EXPECT_EQ(read(0.0F, 40), 0.5F);
     }
     EXPECT_EQ(cdr.back(), '\1');  // dense
   }
@@ -123,7 +125,7 @@ TEST(LiveMessages, PublishedCloudsSayWhichToolsAndAreInTheFrameOfTheOdometry) {
   float direction[3];
   std::uint32_t tools = 0;
   std::memcpy(direction, cloud.data.data() + 28, sizeof direction);
-  std::memcpy(&tools, cloud.data.data() + 40, sizeof tools);
+  std::memcpy(&tools, cloud.data.data() + 44, sizeof tools);
   EXPECT_EQ(Eigen::Vector3f(direction), Eigen::Vector3f(0, 1, 0));
   EXPECT_EQ(tools, points[0].tools);
   EXPECT_NE(cdr.find("tools"), std::string::npos);
