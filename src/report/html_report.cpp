@@ -117,7 +117,8 @@ class Page {
   void writePoints(std::ostream& out) {
     internal::VoxelThinning thinning(folder_.origin_W, result_.cell_m);
     internal::PointPacker packer(
-        folder_.origin_W, step_m(), !folder_.tools.empty(), [&](const internal::PackedBlock& block) {
+        folder_.origin_W, step_m(), !folder_.tools.empty(), !folder_.metadataOf("access_probability").empty(),
+        [&](const internal::PackedBlock& block) {
           out << "<script type=\"text/plain\" class=\"points\">" << block.base64 << "</script>\n";
           blocks_.push_back({{"tile", block.tile}, {"points", block.points}, {"base", block.base}});
         });

@@ -15,6 +15,8 @@ namespace {
 constexpr int kIdPlane = 0, kPositionPlane = 4, kStatePlane = 16, kDirectionPlane = 17, kScorePlane = 19,
               kConfidencePlane = 21, kNormalPlane = 22, kToolPlane = 23, kToolsPlane = 24, kPlanes = 23,
               kPlanesOfSeveral = 28;
+constexpr std::uint64_t kNoProbability = 255;
+constexpr float kProbabilitySteps = 200;
 constexpr double kMostSteps = 1 << 30;
 constexpr std::size_t kMostDirections = kNoDirection;
 constexpr int kNormalCells = 15;
@@ -46,12 +48,14 @@ std::uint8_t octahedralByte(const Eigen::Vector3f& normal) {
   return static_cast<std::uint8_t>(kNormalCells * cell(uv.y()) + cell(uv.x()));
 }
 
-PointPacker::PointPacker(const Eigen::Vector3d& origin_W, double step_m, bool several_tools,
+PointPacker::PointPacker(const Eigen::Vector3d& origin_W, double step_m, bool several_tools, bool probability,
                          std::function<void(PackedBlock)> write)
     : origin_W_(origin_W),
       step_m_(step_m),
+      several_tools_(several_tools),
+      probability_(probability),
       write_(std::move(write)),
-      planes_(static_cast<std::size_t>(several_tools ? kPlanesOfSeveral : kPlanes)) {
+      planes_(static_cast<std::size_t>((several_tools ? kPlanesOfSeveral : kPlanes) + (probability ? 1 : 0))) {
   for (std::string& plane : planes_) plane.reserve(kPointsPerBlock);
 }
 
@@ -108,9 +112,14 @@ void PointPacker::add(const std::string& tile, const SurfacePoint& point) {
   put(planes_, kConfidencePlane, 1,
       static_cast<std::uint64_t>(std::lround(255 * std::clamp(point.confidence, 0.0f, 1.0f))));
   put(planes_, kNormalPlane, 1, octahedralByte(point.normal_W));
-  if (planes_.size() == kPlanes) return;
-  put(planes_, kToolPlane, 1, point.tool);
-  put(planes_, kToolsPlane, 4, point.tools);
+  if (several_tools_) {
+    put(planes_, kToolPlane, 1, point.tool);
+    put(planes_, kToolsPlane, 4, point.tools);
+  }
+  if (!probability_) return;
+  const float p = point.access_probability;
+  put(planes_, several_tools_ ? kPlanesOfSeveral : kPlanes, 1,
+      p >= 0 ? static_cast<std::uint64_t>(std::lround(kProbabilitySteps * std::min(p, 1.0F))) : kNoProbability);
 }
 
 void PointPacker::finish() {

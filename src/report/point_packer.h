@@ -15,6 +15,8 @@
 /// and with several tools
 ///   tool        1 plane: index of the one that stands for the point
 ///   tools       4 planes: bit k is set if tool k reaches it
+/// and, behind those, where points have one
+///   probability 1 plane: half percents, 0 to 200; 255 = nothing is said
 #pragma once
 
 #include <Eigen/Core>
@@ -42,8 +44,9 @@ class PointPacker {
 
   /// @param step_m  positions are rounded to multiples of it
   /// @param several_tools  the field has more than one
+  /// @param probability  its points have SurfacePoint::access_probability
   /// @param write   called for each block when it is complete
-  PointPacker(const Eigen::Vector3d& origin_W, double step_m, bool several_tools,
+  PointPacker(const Eigen::Vector3d& origin_W, double step_m, bool several_tools, bool probability,
               std::function<void(PackedBlock)> write);
 
   /// Points of a tile come one after the other, with rising ids.
@@ -63,6 +66,7 @@ class PointPacker {
 
   Eigen::Vector3d origin_W_;
   double step_m_;
+  bool several_tools_, probability_;
   std::function<void(PackedBlock)> write_;
   PackedBlock block_;
   std::int64_t last_id_ = -1;

@@ -91,6 +91,29 @@ class ReportPage(unittest.TestCase):
         return self.browser.evaluate(
             "(() => { const c = document.getElementById('card'); return {...c.dataset, text: c.innerText}; })()")
 
+    def test_points_say_how_likely_the_tool_reaches_them(self):
+        points = stored_field.random_points(2000, seed=4)
+        probability = np.round(np.random.default_rng(5).uniform(0, 1, len(points)), 3).astype("<f4")
+        probability[points["label"] == 0] = -1
+        chosen = [int(np.flatnonzero(points["label"] == label)[0]) for label in (1, 2, 0)]
+        points["position"][chosen, 2] = 5  # above all others
+        of_two = (["a", "b"], 0, np.where(points["label"] == 1, 1, 0))
+        for name, tools in (("likely", None), ("likely_of_two", of_two)):
+            html = self.make(stored_field.write_field(self.root / name, points, tools=tools, probability=probability))
+            for index in chosen:
+                text = self.click_at(html, points["position"][index])["text"].replace("\u202f", " ")
+                self.assertEqual("Probability" in text, probability[index] >= 0, text)
+                if probability[index] >= 0:  # rounded to half a percent
+                    said = float(re.search(r"Probability\s+([0-9.]+) %", text).group(1))
+                    self.assertAlmostEqual(said, 100 * float(probability[index]), delta=0.2501)
+            self.assertFalse(self.browser.evaluate("document.querySelector('[data-mode=probability]').hidden"))
+            self.browser.evaluate("document.querySelector('[data-mode=probability]').click()")
+            self.assertIn("100", self.browser.evaluate("document.getElementById('legend').textContent"))
+        # Fields of before have neither.
+        html = self.make(stored_field.write_field(self.root / "of_before", points))
+        self.assertNotIn("Probability", self.click_at(html, points["position"][chosen[0]])["text"])
+        self.assertTrue(self.browser.evaluate("document.querySelector('[data-mode=probability]').hidden"))
+
     def test_a_table_has_a_row_for_each_tree(self):
         points = stored_field.random_points(3000)
         # Trees side by side along x, and some points of none.

@@ -10,6 +10,7 @@ import numpy as np
 RECORD = np.dtype([("position", "<f8", 3), ("normal", "<f4", 3), ("colour", "u1", 3), ("label", "u1"), ("reason", "u1"),
                    ("score", "<u2"), ("confidence", "<f4"), ("stability", "<f4"), ("direction", "<f4", 3),
                    ("yaw", "<f4")])
+WITH_PROBABILITY = np.dtype(RECORD.descr + [("access_probability", "<f4")])
 LABELS = ["unscored", "accessible", "blocked"]
 REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool"]
 PROPERTIES = ("double x,double y,double z,float nx,float ny,float nz,uchar red,uchar green,uchar blue,uchar label,"
@@ -20,7 +21,8 @@ def read_points(folder):
     """The records of points.ply."""
     data = (pathlib.Path(folder) / "points.ply").read_bytes()
     end = data.index(b"end_header\n") + len(b"end_header\n")
-    return np.frombuffer(data, RECORD, offset=end)
+    return np.frombuffer(data, WITH_PROBABILITY if b"\nproperty float access_probability\n" in data[:end] else RECORD,
+                         offset=end)
 
 
 def read_report(folder):
@@ -47,13 +49,19 @@ def random_points(count, seed=1, size_m=4.0):
     return points
 
 
-def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, carried=None, tools=None):
+def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, carried=None, tools=None,
+                probability=None):
     """A folder as `map` leaves it. @param report  changes to report.json; None = the counts of the points alone
     @param carried  {name: what the returns of each point carried}
-    @param tools    (names, index of the tool that stands for each point, mask of those that reach it)"""
+    @param tools    (names, index of the tool that stands for each point, mask of those that reach it)
+    @param probability  access_probability of each point"""
     carried = carried or {}
     of_tools = [("tool", "u1"), ("tools", "<u4")] if tools else []
-    rows = np.empty(len(points), np.dtype(RECORD.descr + of_tools + [(name, "<i4") for name in carried]))
+    of_probability = [] if probability is None else [("access_probability", "<f4")]
+    rows = np.empty(len(points), np.dtype(RECORD.descr + of_tools + of_probability + [(name, "<i4") for name in carried]))
+    if probability is not None:
+        rows["access_probability"] = probability
+        comments = [*comments, "access_probability 1"]
     if tools:
         rows["tool"], rows["tools"] = tools[1:]
         comments = [*comments, *[f"tool_{name}_collision_limit 4" for name in tools[0]], f"tools {','.join(tools[0])}"]
@@ -67,6 +75,7 @@ def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None, car
              f"comment voxel_size_m {voxel_size_m}", "comment num_directions 180", "comment collision_limit 4",
              *[f"comment {each}" for each in comments], f"element vertex {len(points)}",
              *[f"property {each}" for each in PROPERTIES], *(["property uchar tool", "property uint tools"] if tools else []),
+             *[f"property float {name}" for name, _ in of_probability],
              *[f"property int {name}" for name in carried], "end_header\n"]
     with open(folder / "points.ply", "wb") as file:
         file.write("\n".join(lines).encode())

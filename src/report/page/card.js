@@ -80,7 +80,8 @@ function fillCard(card, {point, facts, chosen, tool, inside, targets, go, close}
       ...(point.margin_m === null ? [] : [row("Room", `${fixed(point.margin_m, 3)}\u202fm around it`)]),
       row("Best direction", d ? directionWords(d, degreesText) : "none"),
       row("Voxels touched", point.score === null ? "not tested" : grouped(point.score)),
-      row("Confidence", point.confidence.toFixed(2)));
+      row("Confidence", point.confidence.toFixed(2)),
+      ...(point.probability === null ? [] : [row("Probability", `${(100 * point.probability).toFixed(1)}\u202f% that the tool gets there`)]));
   const title = element("h2", "", swatch(REASON_COLOURS[point.reason]), words.name);
   const in_place = !point.tools || standsFor(point, chosen);
   const tool_line = element("p", "tool-line", ...[in_place ? toolLine(tool, inside, point) : toolsLine(point, facts, chosen)].flat());

@@ -154,7 +154,7 @@ class Report {
       const button = element("button", "", name);
       button.type = "button";
       button.dataset.mode = key;
-      button.hidden = key === "margin" && widestMargin(this.facts) === 0;
+      button.hidden = key === "margin" && widestMargin(this.facts) === 0 || key === "probability" && !hasProbability(this.facts);
       button.setAttribute("role", "radio");
       button.addEventListener("click", () => this.setMode(mode));
       return button;
@@ -181,6 +181,7 @@ class Report {
     const ramp = () => element("span", "ramp");
     const metres = (height) => fixed(height + this.points.anchor_W[2], 1) + "\u202fm";
     if (key === "confidence") return ["0", ramp(), "1"];
+    if (key === "probability") return ["0\u202f%", ramp(), "100\u202f%"];
     if (key === "height") return [metres(this.painter.heights[0]), ramp(), metres(this.painter.heights[1])];
     if (key === "margin") return ["0", ramp(), `${fixed(widestMargin(this.facts), 3)}\u202fm of room`];
     if (key !== "label") return [];

@@ -66,6 +66,11 @@ class Painter {
     gl.bufferData(gl.ARRAY_BUFFER, Math.max(this.points.looks.byteLength, 4), gl.DYNAMIC_DRAW);
     gl.enableVertexAttribArray(1);
     gl.vertexAttribIPointer(1, 4, gl.UNSIGNED_BYTE, 0, 0);
+    this.probability_buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.probability_buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, Math.max(this.points.probabilities.byteLength, 1), gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(2);
+    gl.vertexAttribIPointer(2, 1, gl.UNSIGNED_BYTE, 0, 0);
     gl.bindVertexArray(null);
   }
 
@@ -78,12 +83,14 @@ class Painter {
 
   // Takes over what was unpacked since the last call.
   upload() {
-    const gl = this.gl, {positions, looks, count} = this.points;
+    const gl = this.gl, {positions, looks, probabilities, count} = this.points;
     if (count === this.uploaded) return;
     gl.bindBuffer(gl.ARRAY_BUFFER, this.position_buffer);
     gl.bufferSubData(gl.ARRAY_BUFFER, 12 * this.uploaded, positions, 3 * this.uploaded, 3 * (count - this.uploaded));
     gl.bindBuffer(gl.ARRAY_BUFFER, this.look_buffer);
     gl.bufferSubData(gl.ARRAY_BUFFER, 4 * this.uploaded, looks, 4 * this.uploaded, 4 * (count - this.uploaded));
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.probability_buffer);
+    gl.bufferSubData(gl.ARRAY_BUFFER, this.uploaded, probabilities, this.uploaded, count - this.uploaded);
     this.uploaded = count;
   }
 

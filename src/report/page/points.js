@@ -3,7 +3,7 @@
 // Unpacks what src/report/point_packer.h packs.
 
 const NONE = 65535;  // no direction, no score
-const NO_NORMAL = 255;
+const NO_NORMAL = 255, NO_PROBABILITY = 255;
 const PLANES = {id: 0, position: 4, state: 16, direction: 17, score: 19, confidence: 21, normal: 22, tool: 23, tools: 24};
 
 function bytesOfBase64(text) {
@@ -37,6 +37,8 @@ class Points {
       this.stands_for = new Uint8Array(total);
       this.reached_by = new Uint32Array(total);  // a bit for each tool
     }
+    this.probabilities = new Uint8Array(total).fill(NO_PROBABILITY);  // in half percents
+    if (hasProbability(facts)) this.probability_plane = this.planes++;
     const frame = facts.frame;
     const middle = facts.bounds ? scaled(add(facts.bounds[0], facts.bounds[1]), 0.5) : frame.origin_W;
     this.anchor_steps = middle.map((value, axis) => Math.round((value - frame.origin_W[axis]) / frame.step_m));
@@ -74,6 +76,7 @@ class Points {
       this.scores[begin + i] = score[0][i] | score[1][i] << 8;
     }
     if (this.facts.tools) this.unpackTools(plane, begin, n);
+    if (hasProbability(this.facts)) this.probabilities.set(plane(this.probability_plane), begin);
     this.begins.push(begin);
     this.count += n;
   }
@@ -145,6 +148,7 @@ class Points {
       up_W: d === NONE || !this.facts.ups ? null : this.facts.ups.slice(3 * d, 3 * d + 3),
       score: this.scores[index] === NONE ? null : this.scores[index],
       confidence: this.looks[4 * index + 1] / 255,
+      probability: this.probabilities[index] === NO_PROBABILITY ? null : this.probabilities[index] / 200,
       tool: this.facts.tools ? this.stands_for[index] : 0,  // to which direction and score belong
       tools: this.facts.tools ? this.facts.tools.map((_, k) => k).filter((k) => this.reached_by[index] >>> k & 1) : null,
       margin_m: this.facts.tools && widestMargin(this.facts) > 0 ? this.margin(index) : null,

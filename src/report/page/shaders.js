@@ -6,6 +6,7 @@ const POINT_VERTEX = `#version 300 es
 precision highp float;
 layout(location = 0) in vec3 position;
 layout(location = 1) in uvec4 look;  // label + 4 reason, confidence, normal, inside the tool + 2 room
+layout(location = 2) in uint probability;  // half percents; 255: none
 uniform mat4 to_clip;
 uniform mat3 to_viewer;      // directions
 uniform vec3 eye;
@@ -55,6 +56,7 @@ void main() {
   else if (mode == 1) colour = labels[min(label, 2u)];
   else if (mode == 2) colour = ramp(float(look.y) / 255.0);
   else if (mode == 4) colour = room == 0u ? labels[0] : ramp(float(room - 1u) / 126.0);
+  else if (mode == 5) colour = probability == 255u ? labels[0] : ramp(float(probability) / 200.0);
   else colour = ramp(clamp((position.z - heights.x) / max(heights.y - heights.x, 1e-6), 0.0, 1.0));
   vec3 facing = vec3(0.0, 0.0, 1.0);
   if (look.z != 255u) {

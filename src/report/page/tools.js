@@ -5,6 +5,8 @@
 const ANY_TOOL = -1;
 
 // 0 of a field without margins.
+// Whether points have one: not those of the paper's profile, nor of files of before.
+function hasProbability(facts) { return Boolean(facts.metadata.access_probability); }
 function widestMargin(facts) { return Math.max(0, ...(facts.tools || []).map(({margin_m}) => margin_m)); }
 
 // Points and areas by label and reason, and rows of tables, for one tool. Where no tool reaches, the result has the reason

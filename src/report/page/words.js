@@ -99,6 +99,7 @@ const COLOUR_MODES = [
   {key: "confidence", name: "Confidence"},
   {key: "height", name: "Height"},
   {key: "margin", name: "Room"},  // only of a field with margins
+  {key: "probability", name: "Probability"},  // only where points have one
 ];
 
 // 1234567 as "1 234 567", with narrow spaces that do not break.
