@@ -22,8 +22,8 @@ inline constexpr const char* kProbabilityFit = "1";
 /// @param point  its label, reason, score, weight, normal, direction, and margin_m, as a field or its files have them
 /// @param collision_limit  AccessibilityField::collisionLimit() of the tool that stands for the point
 /// @param resolved  FieldParams::resolved(), of the field
-/// @return in [0, 1], in whole thousandths; -1: nothing is said, since the point is unscored, or its normal alone
-/// decides
+/// @return in [0, 1], in whole thousandths; -1: nothing is said: the point is unscored, or its reason is Normal, which
+/// the normal alone decides, or Unseen, which the scenes of the fit hardly have
 /// @throws InvalidArgument "probability.profile" for the paper's update policy, whose scores are the least there ever
 /// were; "probability.limit"
 [[nodiscard]] ACCESSVDB_API float accessProbability(const SurfacePoint& point, int collision_limit,

@@ -53,8 +53,7 @@ TEST(AccessProbability, NothingWorseMakesALabelSurer) {
     ++compared;
     falls += worse < better ? 1 : 0;
   };
-  for (const PointReason reason :
-       {PointReason::None, PointReason::Tool, PointReason::Arm, PointReason::Unknown, PointReason::Unseen}) {
+  for (const PointReason reason : {PointReason::None, PointReason::Tool, PointReason::Arm, PointReason::Unknown}) {
     std::vector<int> scores = {-1};
     if (reason == PointReason::None) scores = {0, 1, 4, 10, 19};
     if (reason == PointReason::Tool) scores = {20, 21, 30, 60, 400, 4000};
@@ -105,10 +104,10 @@ TEST(AccessProbability, AccessiblePointsAreLikelierThanBlockedOnes) {
 /// Whole thousandths, and nothing of points that the method has not looked at.
 TEST(AccessProbability, SaysNothingOfPointsThatWereNotJudged) {
   const FieldParams params = probabilityParams(1);
-  for (const PointReason reason :
-       {PointReason::Confidence, PointReason::Normal, PointReason::Changed, PointReason::BesideSurface}) {
+  for (const PointReason reason : {PointReason::Confidence, PointReason::Normal, PointReason::Unseen,
+                                   PointReason::Changed, PointReason::BesideSurface}) {
     SurfacePoint point = pointWith(reason, -1, 5, 1);
-    if (reason != PointReason::Normal) point.label = PointLabel::Unscored;
+    if (reason != PointReason::Normal && reason != PointReason::Unseen) point.label = PointLabel::Unscored;
     EXPECT_EQ(accessProbability(point, kLimit, params), -1) << name(reason);
   }
   SurfacePoint waiting = pointWith(PointReason::Tool, 30, 5, 1);

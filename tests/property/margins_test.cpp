@@ -103,9 +103,9 @@ TEST(Margins, ComeBackFromFiles) {
     ASSERT_EQ(read.points[n].free_arc_deg > 0, read.points[n].label == PointLabel::Accessible) << n;
   }
   ASSERT_GT(with, 20U);
-  // A margin that no tool reaches the point with is not taken for one: the last column but one of the last point.
+  // A margin that no tool reaches the point with is not taken for one: the last column but two of the last point.
   std::fstream file(scratch / "out" / "points.ply", std::ios::in | std::ios::out | std::ios::binary);
-  file.seekp(-8, std::ios::end);
+  file.seekp(-12, std::ios::end);
   const float wrong_m = written.points.back().margin_m == 0.04f ? 0.1f : 0.04f;
   file.write(reinterpret_cast<const char*>(&wrong_m), sizeof wrong_m);
   file.close();

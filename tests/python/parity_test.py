@@ -152,6 +152,7 @@ class Parity(unittest.TestCase):
         self.assertEqual(len(table), len(snapshot))
         for column, name in [(snapshot.label, "label"), (snapshot.reason, "reason"), (snapshot.score, "score"),
                              (snapshot.confidence, "confidence"), (snapshot.stability, "stability"),
+                             (snapshot.access_probability, "access_probability"),
                              *zip(snapshot.position_W.T, "xyz"), *zip(snapshot.normal_W.T, ("nx", "ny", "nz")),
                              *zip(snapshot.direction_W.T, ("dx", "dy", "dz"))]:  # fmt: skip
             np.testing.assert_array_equal(column, table[name], name)

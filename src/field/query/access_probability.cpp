@@ -50,8 +50,6 @@ std::optional<ProbabilityGroup> groupOf(const SurfacePoint& point) {
       return ProbabilityGroup::Arm;
     case PointReason::Unknown:
       return ProbabilityGroup::Unknown;
-    case PointReason::Unseen:
-      return ProbabilityGroup::Unseen;
     default:
       return std::nullopt;
   }
@@ -60,8 +58,7 @@ std::optional<ProbabilityGroup> groupOf(const SurfacePoint& point) {
 }  // namespace
 
 const char* name(ProbabilityGroup group) {
-  constexpr const char* kNames[kProbabilityGroups] = {"accessible", "accessible_with_room", "tool", "arm", "unknown",
-                                                      "unseen"};
+  constexpr const char* kNames[kProbabilityGroups] = {"accessible", "accessible_with_room", "tool", "arm", "unknown"};
   return kNames[static_cast<std::size_t>(group)];
 }
 

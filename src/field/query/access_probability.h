@@ -14,9 +14,9 @@
 namespace accessvdb::internal {
 
 /// Points that share constants.
-enum class ProbabilityGroup { Accessible, AccessibleWithRoom, Tool, Arm, Unknown, Unseen };
-inline constexpr std::size_t kProbabilityGroups = 6;
-/// "accessible", "accessible_with_room", "tool", "arm", "unknown", "unseen".
+enum class ProbabilityGroup { Accessible, AccessibleWithRoom, Tool, Arm, Unknown };
+inline constexpr std::size_t kProbabilityGroups = 5;
+/// "accessible", "accessible_with_room", "tool", "arm", "unknown".
 [[nodiscard]] const char* name(ProbabilityGroup group);
 
 /// What the odds are made of. More collisions and less room never make a point likelier. Worse evidence, that is fewer

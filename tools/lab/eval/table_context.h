@@ -93,6 +93,11 @@ void makePlansTable(TableContext& context);
 // table_of_views.cpp: where to look next.
 void makeViewsTable(TableContext& context);
 
+// table_of_probability.cpp: SurfacePoint::access_probability against what is accessible, decile by decile.
+void makeProbabilityTable(TableContext& context);
+void makeProbabilityPineTable(TableContext& context);
+void makeProbabilityFit(TableContext& context);
+
 // table_of_pine.cpp: takes minutes to hours, so not part of "all".
 void makePineTable(TableContext& context);
 void makePineFormTable(TableContext& context);

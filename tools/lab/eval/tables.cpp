@@ -45,6 +45,9 @@ constexpr Table kTables[] = {
     {"fits", false, makeFitsTable},
     {"plans", false, makePlansTable},
     {"views", false, makeViewsTable},
+    {"probability", false, makeProbabilityTable},
+    {"probability_pine", false, makeProbabilityPineTable},
+    {"fit_probability", false, makeProbabilityFit},
     {"pine", false, makePineTable},
     {"pine_forms", false, makePineFormTable},
 };
