@@ -11,11 +11,11 @@ import unittest
 import numpy as np
 
 from accessvdb_import.field_folder import FieldFolder, tool_of_run
-from accessvdb_import.points_ply import COLUMNS, LABELS, REASONS, FieldError, read_points
+from accessvdb_import.points_ply import COLUMNS, LABELS, PROBABILITY, REASONS, FieldError, read_points
 from field_under_test import FIELD, POINTS, WORK, run_tests
 
 # Layout of a record as in docs/file_formats.md, deliberately repeated here.
-_RECORD = struct.Struct("<3d3f3B2BH2f3ff")
+_RECORD = struct.Struct("<3d3f3B2BH2f3fff")
 
 
 def altered(change):
@@ -37,7 +37,7 @@ class PointsReader(unittest.TestCase):
         self.assertEqual(len(points) * _RECORD.size, len(body))
         self.assertGreater(len(points), 1000)
         for row, values in enumerate(_RECORD.iter_unpack(body)):
-            self.assertEqual(values, tuple(points.records[row][name].item() for name in COLUMNS))
+            self.assertEqual(values, tuple(points.records[row][name].item() for name in (*COLUMNS, PROBABILITY)))
 
     def test_every_reason_and_label_is_known(self):
         header = os.path.join(os.path.dirname(__file__), "../../include/accessvdb/point_label.h")

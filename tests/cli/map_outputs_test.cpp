@@ -112,7 +112,7 @@ TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
   const std::string ply = readText("out/points.ply");
   EXPECT_NE(ply.find("\ncomment orientations sphere:30\n"), std::string::npos);
   EXPECT_NE(ply.find("\nproperty float yaw\nproperty float qw\nproperty float qx\nproperty float qy\n"
-                     "property float qz\nproperty ushort orientation\nend_header\n"),
+                     "property float qz\nproperty ushort orientation\nproperty float access_probability\nend_header\n"),
             std::string::npos);
   // A list with a twin: a notice, and the one orientation that it has. Everything that has a direction has this one.
   writeText("list.txt", "yaw pitch roll\n180 30 90\n180 30 90\n");
@@ -142,7 +142,9 @@ TEST_F(MapOutputs, OfRollsNameThem) {
   EXPECT_EQ(report().at("parameters").at("rolls"), 3);
   const std::string ply = readText("out/points.ply");
   EXPECT_NE(ply.find("\ncomment orientations sphere:30\ncomment rolls 3\n"), std::string::npos);
-  EXPECT_NE(ply.find("\nproperty ushort orientation\nproperty uchar roll\nend_header\n"), std::string::npos);
+  EXPECT_NE(
+      ply.find("\nproperty ushort orientation\nproperty uchar roll\nproperty float access_probability\nend_header\n"),
+      std::string::npos);
   const ProgramResult info = runProgram({"info", path("out/field.vdb")});
   EXPECT_NE(info.out.find("best_roll"), std::string::npos) << info.out;
   // The same again, from the state; with another number of rolls it is another field.
@@ -171,7 +173,8 @@ TEST_F(MapOutputs, OfMoreDirectionsThanAMaskHolds) {
   saved.insert(saved.end(), {"--checkpoint", path("state")});
   const ProgramResult first = runProgram(mapArguments(saved));
   ASSERT_EQ(first.exit_code, 0) << first.err;
-  const std::string ply = readText("out/points.ply"), end = "\nproperty ushort orientation\nend_header\n";
+  const std::string ply = readText("out/points.ply"),
+                    end = "\nproperty ushort orientation\nproperty float access_probability\nend_header\n";
   const std::size_t body = ply.find(end);
   ASSERT_NE(body, std::string::npos);
   const std::size_t count = std::stoul(ply.substr(ply.find("element vertex ") + 15));
@@ -179,7 +182,7 @@ TEST_F(MapOutputs, OfMoreDirectionsThanAMaskHolds) {
   ASSERT_EQ(body + end.size() + count * each, ply.size());
   std::size_t beyond = 0;
   for (std::size_t n = 0; n < count; ++n) {
-    const std::size_t at = body + end.size() + (n + 1) * each - 2;  // the last column, little endian
+    const std::size_t at = body + end.size() + (n + 1) * each - 6;  // the last column but one, little endian
     const unsigned orientation =
         static_cast<unsigned char>(ply[at]) | static_cast<unsigned>(static_cast<unsigned char>(ply[at + 1])) << 8;
     EXPECT_TRUE(orientation < 1666 || orientation == 65535) << orientation;
@@ -271,8 +274,11 @@ TEST_F(MapOutputs, ApproachesComeFromACheckpointWithItsMargins) {
   ASSERT_EQ(mapped.exit_code, 0) << mapped.err;
   ASSERT_EQ(report().at("tools").size(), 3U);
   EXPECT_EQ(report().at("tools")[2].at("margin_m"), 0.1);
-  EXPECT_NE(readText("out/points.ply").find("\nproperty float margin_m\nproperty float free_arc_deg\nend_header"),
-            std::string::npos);
+  EXPECT_NE(
+      readText("out/points.ply")
+          .find(
+              "\nproperty float margin_m\nproperty float free_arc_deg\nproperty float access_probability\nend_header"),
+      std::string::npos);
   const std::vector<std::string> arguments = mapArguments();
   const std::string tool = *(std::find(arguments.begin(), arguments.end(), "--tool") + 1);
   const auto approaches = [&](const std::vector<std::string>& more) {
