@@ -100,6 +100,7 @@ struct Participant::Impl {
     writers[1] = writer(Output::Changes, kCloudType, /*latched=*/false, 16);
     writers[2] = writer(Output::Status, kTextType, /*latched=*/true, 8);  // answers take up to 7
     writers[3] = writer(Output::Approaches, kPosesType, /*latched=*/true, 1);
+    writers[4] = writer(Output::Views, kPosesType, /*latched=*/true, 1);
   }
 
   [[noreturn]] void fail(const std::string& problem) const {

@@ -54,9 +54,9 @@ struct TopicState {
 enum class Input { Clouds, Poses, Transforms, FixedTransforms, Imu, Commands };
 inline constexpr int kNumInputs = 6;
 
-enum class Output { Points, Changes, Status, Approaches };
+enum class Output { Points, Changes, Status, Approaches, Views };
 inline constexpr const char* kOutputTopics[] = {"/accessvdb/points", "/accessvdb/changes", "/accessvdb/status",
-                                                "/accessvdb/approaches"};
+                                                "/accessvdb/approaches", "/accessvdb/views"};
 
 /// "Fast DDS 2.9.1"
 [[nodiscard]] std::string middleware();

@@ -164,6 +164,42 @@ TEST_F(LiveCommandsDds, ApproachesComeAsPoses) {
   EXPECT_FALSE(poses >> more);
 }
 
+/// The same of views: those of the state that is left at the same moment.
+TEST_F(LiveCommandsDds, ViewsComeAsPoses) {
+  simulate(20);
+  const std::vector<std::string> lines = {R"({"id":%d,"command":"views","most":0})",
+                                          R"({"id":%d,"command":"views","allow_unknown":true})",
+                                          R"({"id":%d,"command":"views","body":-1})",
+                                          R"({"id":%d,"command":"views","body":50})",
+                                          R"({"id":%d,"command":"views","most":3,"body":0.3})",
+                                          R"({"id":%d,"command":"checkpoint"})"};
+  const ProgramResult result =
+      live({"(" + commands(lines, "rate=2 pause_s=6 poses_of=views poses='" + path("poses") + "'") + ") & " +
+            peer("rate=10") + "; wait"},
+           {"--checkpoint", path("checkpoint"), "--clear-rays", "20", "--platform-radius", "0.4"});
+  EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
+  const std::map<int, Answer> got = answers();
+  ASSERT_EQ(got.size(), lines.size()) << readText("peers");
+  for (const int refused : {0, 1, 2, 3}) EXPECT_FALSE(got.at(refused).said["done"].get<bool>()) << refused;
+  EXPECT_TRUE(got.at(4).said["done"].get<bool>()) << got.at(4).said;
+  const ProgramResult again = runProgram({"views", "--map", path("checkpoint"), "--tool", "builtin:pruner", "--most",
+                                          "3", "--body", "0.3", "--device", "cpu", "--json"});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  const json found = json::parse(again.out);
+  std::istringstream poses(readText("poses"));
+  std::string frame, stamp;
+  poses >> frame >> stamp;
+  ASSERT_GT(found["views"].size(), 0U) << again.out;
+  for (const json& view : found["views"]) {
+    double numbers[7];
+    for (double& number : numbers) ASSERT_TRUE(poses >> number);
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      EXPECT_NEAR(numbers[axis], view["pose"]["position"][axis].get<double>(), 1e-9);
+  }
+  std::string more;
+  EXPECT_FALSE(poses >> more);
+}
+
 /// Refused before the domain is joined.
 TEST_F(LiveCommandsDds, AFileOfOthersInThePlaceOfAnyOutputIsKept) {
   fs::create_directories(path("out"));

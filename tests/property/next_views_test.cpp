@@ -72,8 +72,10 @@ FieldParams roomParams(int threads = 2) {
 }
 
 /// A few scans from one side of the ball.
-AccessibilityField roomField(int threads = 2) {
-  AccessibilityField field(ToolGeometry::builtin("builtin:pencil"), roomParams(threads));
+AccessibilityField roomField(int threads = 2, int budget_points = 0) {
+  FieldParams params = roomParams(threads);
+  params.update.budget_points = budget_points;
+  AccessibilityField field(ToolGeometry::builtin("builtin:pencil"), params);
   for (unsigned n = 0; n < 6; ++n) {
     const Eigen::Isometry3d T_W_S = poseAt(2, -1 + 0.4 * n, -0.8);
     field.integrateScan(scanOfRoom(T_W_S, 20000, n), T_W_S);
@@ -160,6 +162,14 @@ TEST(NextViews, ResolveWhatTheySayWhereTheBodyIsFree) {
 TEST(NextViews, AreTheSameForAnyNumberOfThreads) {
   const ViewOptions options = {.most = 3, .body_radius_m = kBody_m};
   EXPECT_EQ(io::viewsJson(nextViews(roomField(1), options)), io::viewsJson(nextViews(roomField(2), options)));
+}
+
+/// Points that only wait for their turn are told as unscored with the same reason.
+TEST(NextViews, DoNotCountOnPointsThatWait) {
+  const ViewOptions options = {.most = 1, .body_radius_m = kBody_m};
+  const NextViews of_all = nextViews(roomField(), options), of_some = nextViews(roomField(2, 100), options);
+  ASSERT_GT(of_some.confidence, 2 * of_all.unresolved());
+  EXPECT_LT(of_some.views.front().resolves, 1.5 * static_cast<double>(of_all.unresolved()));
 }
 
 /// A sensor that sees little resolves less; one whose view is turned away from all that is open, nothing.

@@ -171,6 +171,13 @@ class Approaches(unittest.TestCase):
         with self.assertRaises(accessvdb.InvalidArgument):
             self.field.approaches(within_m=3)
 
+    def test_views_are_refused_without_free_space_and_with_bad_values(self):
+        for bad in ({"azimuth_deg": 0}, {"elevation_deg": 7}, {"elevation_deg": (5, 5)}, {"pitches_deg": []}, {"most": -1}):
+            with self.assertRaises(accessvdb.InvalidArgument):
+                self.field.views(**bad)
+        with self.assertRaises(accessvdb.UnusableInput):
+            self.field.views(body_radius_m=50)
+
     def test_margins_are_in_the_snapshot(self):
         tool = accessvdb.ToolGeometry.builtin("builtin:pruner")
         tools = accessvdb.with_margins([tool], [0, 2 * walls.VOXEL_M])

@@ -20,6 +20,7 @@
 #include "accessvdb/tool_spec.h"
 #include "field/field_access.h"
 #include "field/query/view_gain.h"
+#include "field/tools/tools_of_field.h"
 #include "points/point_store.h"
 
 namespace accessvdb {
@@ -44,6 +45,8 @@ constexpr int kHeadings = 8;
 constexpr double kLeastReturns = 0.01;
 /// Points whose ways to the sensor are walked.
 constexpr std::size_t kWaysOfReturns = 4000;
+/// A view that is expected to resolve fewer points than this is none.
+constexpr double kFewestPoints = 0.5;
 constexpr double kDefaultBody_m = 0.3, kDefaultTravel_m = 10;
 
 /// As a random order of ids, or of places, that is always the same.
@@ -183,7 +186,11 @@ class ViewSearch {
 
 void ViewSearch::collect() {
   const auto points = field_.points();
-  const std::size_t directions = static_cast<std::size_t>(std::max(1, params_.approach.directionCount()));
+  std::size_t directions = 1;
+  for (const ToolSpec& tool : field_.tools()) {
+    const int count = internal::resolvedFor(tool, params_).approach.directionCount();
+    directions = std::max(directions, static_cast<std::size_t>(count));
+  }
   const std::size_t most = std::clamp<std::size_t>(kMostOutcomes / directions, 64, kCounted);
   using Ordered = std::pair<std::uint64_t, Unresolved>;
   constexpr std::size_t kBlock = 4096;
@@ -270,6 +277,10 @@ OpenPoint ViewSearch::openPoint(const AccessMap& map, PointReason reason) const 
     }
     if (!obstructed) ways.push_back(way);
   }
+  // It lacks no observation: it waits for its turn, or what it depends on was left out.
+  const bool is_complete = point.missing_weight == 0 &&
+                           std::ranges::any_of(ways, [](const OpenWay& way) { return way.seen && way.unknown == 0; });
+  if (is_complete) point.left = 0;
   const std::size_t step = std::max<std::size_t>(1, (ways.size() + OpenPoint::kMostWays - 1) / OpenPoint::kMostWays);
   for (std::size_t n = 0; n < ways.size(); n += step) point.ways.push_back(ways[n]);
   return point;
@@ -382,7 +393,9 @@ void ViewSearch::choose() {
       best->gain = gainOf(best->pose);
       best->round = round;
     }
-    if (!(best->gain > 0)) break;
+    const double points =
+        best->gain * points_per_sample_ * static_cast<double>(points_.size()) / static_cast<double>(compared_);
+    if (!(points > kFewestPoints)) break;
     add(*best);
   }
 }

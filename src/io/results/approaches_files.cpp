@@ -53,8 +53,7 @@ std::string csvOf(const Approaches& found, const std::vector<std::string>& tools
            << "," << path.seen_free_m;
       for (const Eigen::Isometry3d& T_WT : {path.pre_contact_T_WT, path.contact_T_WT, path.retreat_T_WT})
         for (const double number : internal::poseNumbers(T_WT)) text << "," << number;
-      text << "," << shortened(target.access_probability) << "
-";
+      text << "," << shortened(target.access_probability) << "\n";
     }
   }
   return text.str();

@@ -4,6 +4,7 @@
  * Somebody who commands a live map, over Cyclone DDS, and waits for its answers.
  *
  *   live_command_peer domain=N commands=FILE answers=FILE [rate=HZ] [wait_s=S] [pause_s=S] [poses=FILE]
+ *                     [poses_of=approaches|views]
  *
  * FILE: a command per line. The n-th, from 0, has n as its id if it contains "%d". Writes "n ms answer" for each id
  * that was answered, and at the end "sent N, answered N". poses: the last array of poses that came, its frame and then
@@ -107,10 +108,12 @@ int main(int argc, char** argv) {
   const dds_entity_t status = dds_create_reader(participant, from, qos, NULL);
   check(writer, "writer");
   check(status, "reader");
-  const dds_entity_t approaches =
-      dds_create_topic(participant, &geometry_msgs_msg_dds__PoseArray__desc, "rt/accessvdb/approaches", NULL, NULL);
-  check(approaches, "topic");
-  const dds_entity_t poses = dds_create_reader(participant, approaches, qos, NULL);
+  char poses_topic[64];
+  snprintf(poses_topic, sizeof poses_topic, "rt/accessvdb/%s", word(argc, argv, "poses_of", "approaches"));
+  const dds_entity_t proposals =
+      dds_create_topic(participant, &geometry_msgs_msg_dds__PoseArray__desc, poses_topic, NULL, NULL);
+  check(proposals, "topic");
+  const dds_entity_t poses = dds_create_reader(participant, proposals, qos, NULL);
   check(poses, "reader");
   dds_publication_matched_status_t matched;
   for (int tries = 0; tries < 1500; ++tries) {

@@ -15,8 +15,8 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::array<const char*, 7> kNames = {"save",  "checkpoint", "reset",     "remove",
-                                               "pause", "resume",     "approaches"};
+constexpr std::array<const char*, 8> kNames = {"save",  "checkpoint", "reset",      "remove",
+                                               "pause", "resume",     "approaches", "views"};
 constexpr std::size_t kMostWaiting = 100, kMostWords = 300;
 /// While so many answers have not been published, what comes is only counted.
 constexpr std::size_t kMostUnpublished = 200;
@@ -64,23 +64,26 @@ std::optional<std::string> readBox(const Json& message, LiveCommand& command) {
   return std::nullopt;
 }
 
-/// @return what is wrong with it; nothing if it was read
-std::optional<std::string> readApproach(const Json& message, LiveCommand& command) {
+/// A positive number that is there. @return nothing if it is another
+std::optional<double> numberAt(const Json& message, const char* name, double most) {
+  const auto found = message.find(name);
+  if (found == message.end() || !found->is_number()) return std::nullopt;
+  const auto value = found->get<double>();
+  return value > 0 && value <= most ? std::optional(value) : std::nullopt;
+}
+
+/// What approaches and views are asked for alike: how many, from where, how near. @param options  of either
+/// @param more  what else this command knows  @return what is wrong with it; nothing if it was read
+template <typename Options>
+std::optional<std::string> readAsked(const Json& message, const std::string& more, Options& options) {
   constexpr double kMost = 1000, kWithin_m = 10;
-  ApproachOptions& options = command.approach;
-  constexpr std::array<std::string_view, 6> kKnown = {"id", "command", "most", "from", "within", "allow_unknown"};
+  const std::array<std::string_view, 6> known = {"id", "command", "most", "from", "within", more};
   for (const auto& [key, value] : message.items()) {
-    if (std::ranges::find(kKnown, key) == kKnown.end())
-      return "\"" + printable(key.substr(0, 40)) + "\" is not known; there are most, from, within and allow_unknown";
+    if (std::ranges::find(known, key) == known.end())
+      return "\"" + printable(key.substr(0, 40)) + "\" is not known; there are most, from, within and " + more;
   }
-  const auto number = [&](const char* name, double most) -> std::optional<double> {
-    const auto found = message.find(name);
-    if (found == message.end() || !found->is_number()) return std::nullopt;
-    const auto value = found->get<double>();
-    return value > 0 && value <= most ? std::optional(value) : std::nullopt;
-  };
   if (message.contains("most")) {
-    const auto most = number("most", kMost);
+    const auto most = numberAt(message, "most", kMost);
     if (!most || *most < 1) return "\"most\" must be a number from 1 to 1000";
     options.most = static_cast<std::size_t>(*most);
   }
@@ -92,13 +95,28 @@ std::optional<std::string> readApproach(const Json& message, LiveCommand& comman
     options.within_m = kWithin_m;
   }
   if (message.contains("within")) {
-    const auto within_m = number("within", 1e6);
+    const auto within_m = numberAt(message, "within", 1e6);
     if (!within_m || !options.from_W) return "\"within\" must be metres, with \"from\"";
     options.within_m = *within_m;
   }
+  return std::nullopt;
+}
+
+std::optional<std::string> readApproach(const Json& message, ApproachOptions& options) {
+  if (auto wrong = readAsked(message, "allow_unknown", options)) return wrong;
   if (const auto unknown = message.find("allow_unknown"); unknown != message.end()) {
     if (!unknown->is_boolean()) return "\"allow_unknown\" must be true or false";
     options.allow_unknown = unknown->get<bool>();
+  }
+  return std::nullopt;
+}
+
+std::optional<std::string> readView(const Json& message, ViewOptions& options) {
+  if (auto wrong = readAsked(message, "body", options)) return wrong;
+  if (message.contains("body")) {
+    const auto body_m = numberAt(message, "body", 100);
+    if (!body_m) return "\"body\" must be the radius of what carries the sensor, metres";
+    options.body_radius_m = *body_m;
   }
   return std::nullopt;
 }
@@ -119,11 +137,13 @@ void LiveCommands::receive(const std::string& text) {
     refused.command = printable(word->get<std::string>().substr(0, 40));
     const auto known = std::find(kNames.begin(), kNames.end(), word->get<std::string>());
     if (known == kNames.end()) {
-      refused.words = "is not known; there are save, checkpoint, reset, remove, pause, resume and approaches";
+      refused.words = "is not known; there are save, checkpoint, reset, remove, pause, resume, approaches and views";
     } else {
       command.kind = static_cast<LiveCommandKind>(known - kNames.begin());
       if (command.kind == LiveCommandKind::Remove) refused.words = readBox(message, command).value_or("");
-      if (command.kind == LiveCommandKind::Approaches) refused.words = readApproach(message, command).value_or("");
+      if (command.kind == LiveCommandKind::Approaches)
+        refused.words = readApproach(message, command.approach).value_or("");
+      if (command.kind == LiveCommandKind::Views) refused.words = readView(message, command.view).value_or("");
     }
   }
   const std::scoped_lock locked(lock_);

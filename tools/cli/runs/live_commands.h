@@ -14,12 +14,13 @@
 #include <vector>
 
 #include "accessvdb/approaches.h"
+#include "accessvdb/next_views.h"
 #include "accessvdb/region.h"
 #include "output/report.h"
 
 namespace accessvdb::tools {
 
-enum class LiveCommandKind { Save, Checkpoint, Reset, Remove, Pause, Resume, Approaches };
+enum class LiveCommandKind { Save, Checkpoint, Reset, Remove, Pause, Resume, Approaches, Views };
 
 struct LiveCommand {
   LiveCommandKind kind = LiveCommandKind::Save;
@@ -27,6 +28,7 @@ struct LiveCommand {
   Eigen::Vector3d min_W = Eigen::Vector3d::Zero(), max_W = Eigen::Vector3d::Zero();  ///< of Remove
   RemovedAs removed_as = RemovedAs::Unknown;
   ApproachOptions approach = {};  ///< of Approaches
+  ViewOptions view = {};          ///< of Views
 };
 
 class LiveCommands {

@@ -13,6 +13,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/live_session.h"
+#include "accessvdb/next_views.h"
 #include "accessvdb/program/path_facts.h"
 #include "accessvdb/render.h"
 #include "accessvdb/surface_points.h"
@@ -83,7 +84,7 @@ class LiveRun {
   void forgetCounts();
   void publishPoints(LiveSession& session, dds::Participant& participant);
   void publishStatus(const LiveSession& session, dds::Participant& participant);
-  void forgetApproaches(const LiveSession& session, dds::Participant& participant);
+  void forgetProposals(const LiveSession& session, dds::Participant& participant);
   void obey(LiveSession& session, dds::Participant& participant, ScanLog& log);
   [[nodiscard]] std::string carryOut(const LiveCommand& command, LiveSession& session, dds::Participant& participant,
                                      ScanLog& log);
@@ -299,8 +300,9 @@ std::string waitingInWords(const LiveStatus& status) {
 }
 
 /// Nobody who comes later goes where the map no longer says so.
-void LiveRun::forgetApproaches(const LiveSession& session, dds::Participant& participant) {
-  participant.publish(dds::Output::Approaches, dds::posesMessage({}, last_stamp_ns_, outgoing(session)));
+void LiveRun::forgetProposals(const LiveSession& session, dds::Participant& participant) {
+  for (const dds::Output output : {dds::Output::Approaches, dds::Output::Views})
+    participant.publish(output, dds::posesMessage({}, last_stamp_ns_, outgoing(session)));
 }
 
 /// @return what was done, in words  @throws Refused, Error for what could not be done; nothing has changed then
@@ -345,7 +347,7 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       log.note(scan_log::kChanged, last_stamp_ns_);
       forgetCounts();
       checkpoints_.noteChange();
-      forgetApproaches(session, participant);
+      forgetProposals(session, participant);
       showPoints({});
       return "the map is empty";
     case LiveCommandKind::Remove: {
@@ -353,7 +355,7 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       const LiveRemoval removal = session.removeRegion(Region::box(command.min_W, command.max_W), command.removed_as);
       log.note(scan_log::kChanged, last_stamp_ns_);
       checkpoints_.noteChange();
-      forgetApproaches(session, participant);
+      forgetProposals(session, participant);
       showPoints(removal.changed);
       return "removed " + std::to_string(removal.removal.voxels) + " voxels and " +
              std::to_string(removal.removal.points) + " points as " + name(removal.removal.as);
@@ -363,7 +365,8 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       const std::vector<ToolSpec>& tools = session.tools();
       if (std::ranges::count_if(tools, [](const ToolSpec& tool) { return tool.tool.margin_m() == 0; }) > 1)
         refuse("cannot be done with several tools: poses do not say which tool they are for");
-      forgetApproaches(session, participant);  // those of before are of another map, also where there are none now
+      // Those of before are of another map, also where there are none now.
+      participant.publish(dds::Output::Approaches, dds::posesMessage({}, last_stamp_ns_, outgoing(session)));
       ApproachOptions options = command.approach;
       if (options.from_W && session.levelling()) options.from_W = *session.levelling() * *options.from_W;
       const Approaches found = approaches(session.field(), options);
@@ -373,6 +376,19 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       return std::to_string(T_WT.size()) + " poses in contact on " +
              dds::kOutputTopics[static_cast<int>(dds::Output::Approaches)] + ", the best first" +
              (found.targets.empty() ? "" : ": " + found.targets.front().why);
+    }
+    case LiveCommandKind::Views: {
+      if (session.rolling() != nullptr) refuse("cannot be done with --rolling");
+      participant.publish(dds::Output::Views, dds::posesMessage({}, last_stamp_ns_, outgoing(session)));
+      ViewOptions options = command.view;
+      if (options.from_W && session.levelling()) options.from_W = *session.levelling() * *options.from_W;
+      const NextViews found = nextViews(session.field(), options);
+      std::vector<Eigen::Isometry3d> T_W_S;
+      for (const NextView& view : found.views) T_W_S.push_back(view.T_W_S);
+      participant.publish(dds::Output::Views, dds::posesMessage(T_W_S, last_stamp_ns_, outgoing(session)));
+      return std::to_string(T_W_S.size()) + " poses of the sensor on " +
+             dds::kOutputTopics[static_cast<int>(dds::Output::Views)] + ", in the order in which to go there" +
+             (found.views.empty() ? "" : ": the first " + found.views.front().why);
     }
     case LiveCommandKind::Pause:
     case LiveCommandKind::Resume:
