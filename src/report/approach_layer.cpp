@@ -2,25 +2,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/approach_layer.h"
 
-#include <array>
-#include <cmath>
 #include <cstdio>
 #include <limits>
 #include <string_view>
 
 #include "accessvdb/error.h"
-#include "accessvdb/program/path_facts.h"
+#include "report/result_text.h"
 
 namespace accessvdb::internal {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr const char* kApproachesFile = "approaches.json";
+constexpr const char* kVerb = "approaches";
 /// Both files have positions as doubles, to the last digit.
 constexpr double kSamePlace_m = 1e-6;
-/// Of the length of a quaternion from 1, as rounding to four digits may leave it.
-constexpr double kUnitTolerance = 1e-3;
 /// The poses before and after contact are on the way of one tool: beyond this they are none.
 constexpr double kLongestWay_m = 1000;
 
@@ -34,93 +30,28 @@ std::string placeInWords(const Eigen::Vector3d& p_W) {
   return text;
 }
 
-/// Walks through the file and remembers where it is, for messages such as "targets[2].approaches[0].roll".
-class ApproachText {
- public:
-  ApproachText(const Json& json, std::string path) : json_(json), path_(std::move(path)) {}
-
-  /// What is wrong here; thrown, and told with the file's name.
-  struct Wrong {
-    std::string problem;
-  };
-
-  [[nodiscard]] ApproachText at(const char* key) const {
-    const std::string path = path_.empty() ? key : path_ + "." + key;
-    if (!json_.is_object() || !json_.contains(key)) throw Wrong{"has no " + path};
-    return {json_[key], path};
+/// @param most_m  farthest from the point
+Json poseNear(const ResultText& text, const Eigen::Vector3d& point_W, double most_m) {
+  if (!((text.place() - point_W).norm() <= most_m)) {
+    throw ResultText::Wrong{"has a pose that is not at its target: " + text.path()};
   }
-  [[nodiscard]] std::vector<ApproachText> list() const {
-    if (!json_.is_array()) throw Wrong{"has no list at " + path_};
-    std::vector<ApproachText> parts;
-    for (std::size_t n = 0; n < json_.size(); ++n) parts.push_back({json_[n], path_ + "[" + std::to_string(n) + "]"});
-    return parts;
-  }
-  [[nodiscard]] std::string text() const {
-    if (!json_.is_string()) throw Wrong{"has no text at " + path_};
-    return json_.get<std::string>();
-  }
-  [[nodiscard]] double number(double low, double high) const {
-    const double value = json_.is_number() ? json_.get<double>() : std::numeric_limits<double>::quiet_NaN();
-    if (!(value >= low && value <= high)) {
-      throw Wrong{std::isfinite(value) ? "is out of range at " + path_ : "has no finite number at " + path_};
-    }
-    return value;
-  }
-  [[nodiscard]] std::uint64_t count(std::uint64_t most) const {
-    if (!json_.is_number_unsigned() || json_.get<std::uint64_t>() > most) throw Wrong{"has no count at " + path_};
-    return json_.get<std::uint64_t>();
-  }
-  [[nodiscard]] bool isNull() const { return json_.is_null(); }
-  [[nodiscard]] const std::string& path() const { return path_; }
-
-  template <std::size_t kCount>
-  [[nodiscard]] std::array<double, kCount> numbers() const {
-    const std::vector<ApproachText> parts = list();
-    if (parts.size() != kCount) throw Wrong{"does not have " + std::to_string(kCount) + " numbers at " + path_};
-    std::array<double, kCount> values = {};
-    constexpr double kMost = std::numeric_limits<double>::max();
-    for (std::size_t n = 0; n < kCount; ++n) values[n] = parts[n].number(-kMost, kMost);
-    return values;
-  }
-
- private:
-  const Json& json_;
-  std::string path_;
-};
-
-Eigen::Vector3d placeAt(const ApproachText& text) {
-  const std::array<double, 3> p = text.at("position").numbers<3>();
-  return {p[0], p[1], p[2]};
+  return text.pose();
 }
 
-/// x, y, z, then the quaternion, w first. @param most_m  farthest from the point
-Json poseOf(const ApproachText& text, const Eigen::Vector3d& point_W, double most_m) {
-  const Eigen::Vector3d p = placeAt(text);
-  if (!((p - point_W).norm() <= most_m)) {
-    throw ApproachText::Wrong{"has a pose that is not at its target: " + text.path()};
-  }
-  const std::array<double, 4> q = text.at("orientation_wxyz").numbers<4>();
-  const double length = Eigen::Vector4d(q[0], q[1], q[2], q[3]).norm();
-  if (!(std::abs(length - 1) <= kUnitTolerance)) {
-    throw ApproachText::Wrong{"has an orientation that is no unit quaternion at " + text.path()};
-  }
-  return {p.x(), p.y(), p.z(), q[0] / length, q[1] / length, q[2] / length, q[3] / length};
-}
-
-Json approachOf(const ApproachText& text, const Eigen::Vector3d& point_W) {
-  const ApproachText arc = text.at("free_arc_deg");
-  return {{"pre_contact", poseOf(text.at("pre_contact"), point_W, kLongestWay_m)},
-          {"contact", poseOf(text.at("contact"), point_W, kSamePlace_m)},
-          {"retreat", poseOf(text.at("retreat"), point_W, kLongestWay_m)},
+Json approachOf(const ResultText& text, const Eigen::Vector3d& point_W) {
+  const ResultText arc = text.at("free_arc_deg");
+  return {{"pre_contact", poseNear(text.at("pre_contact"), point_W, kLongestWay_m)},
+          {"contact", poseNear(text.at("contact"), point_W, kSamePlace_m)},
+          {"retreat", poseNear(text.at("retreat"), point_W, kLongestWay_m)},
           {"collisions", text.at("collisions").count(std::numeric_limits<std::uint16_t>::max())},
           {"free_arc_deg", arc.isNull() ? Json(nullptr) : Json(arc.number(0, 360))},
           {"seen_free_m", text.at("seen_free_m").number(0, kLongestWay_m)}};
 }
 
-Json targetOf(const ApproachText& text, const Eigen::Vector3d& point_W) {
+Json targetOf(const ResultText& text, const Eigen::Vector3d& point_W) {
   constexpr double kAny = std::numeric_limits<double>::max();
   constexpr std::uint64_t kMany = std::numeric_limits<std::uint64_t>::max();
-  const ApproachText margin = text.at("margin_m"), value = text.at("value");
+  const ResultText margin = text.at("margin_m"), value = text.at("value");
   Json shown = {{"position", {point_W.x(), point_W.y(), point_W.z()}},
                 {"margin_m", margin.isNull() ? Json(nullptr) : Json(margin.number(0, kAny))},
                 {"confidence", text.at("confidence").number(0, 1)},
@@ -129,9 +60,9 @@ Json targetOf(const ApproachText& text, const Eigen::Vector3d& point_W) {
                 {"value", value.isNull() ? Json(nullptr) : Json(value.number(-kAny, kAny))},
                 {"why", text.at("why").text()},
                 {"approaches", Json::array()}};
-  for (const ApproachText& approach : text.at("approaches").list())
+  for (const ResultText& approach : text.at("approaches").list())
     shown["approaches"].push_back(approachOf(approach, point_W));
-  if (shown["approaches"].empty()) throw ApproachText::Wrong{"has a target without a way in: " + text.path()};
+  if (shown["approaches"].empty()) throw ResultText::Wrong{"has a target without a way in: " + text.path()};
   return shown;
 }
 
@@ -150,33 +81,20 @@ std::string nameOfOnlyTool(const FieldFolder& folder) {
 
 }  // namespace
 
-ApproachLayer::ApproachLayer(const std::filesystem::path& path)
-    : file_(io::isFolder(path) ? path / kApproachesFile : path) {
-  if (!io::isFile(file_)) {
-    throw InputError("input.missing", file_.string(), "is no file", "Name the output folder of accessvdb approaches");
-  }
-  const Json json = Json::parse(io::contentAt(file_), nullptr, false);
-  if (json.is_discarded()) fail("is not valid JSON");
-  try {
-    const ApproachText text(json, "");
+ApproachLayer::ApproachLayer(const std::filesystem::path& path) : file_(resultFile(path, kVerb)) {
+  readResult(file_, kVerb, [&](const ResultText& text) {
     constexpr std::uint64_t kMany = std::numeric_limits<std::uint64_t>::max();
     for (const char* key : {"accessible_points", "covered_points"}) counts_[key] = text.at(key).count(kMany);
-    for (const ApproachText& each : text.at("targets").list()) {
+    for (const ResultText& each : text.at("targets").list()) {
       Target target;
       target.point = static_cast<std::uint32_t>(each.at("point").count(std::numeric_limits<std::uint32_t>::max()));
-      target.position_W = placeAt(each);
+      target.position_W = each.place();
       target.tool = each.at("tool").text();
       target.shown = targetOf(each, target.position_W);
       targets_of_.emplace(target.point, targets_.size());
       targets_.push_back(std::move(target));
     }
-  } catch (const ApproachText::Wrong& wrong) {
-    fail(wrong.problem);
-  }
-}
-
-void ApproachLayer::fail(const std::string& problem) const {
-  throw InputError("input.approaches", file_.string(), problem, "Use the file as accessvdb approaches wrote it");
+  });
 }
 
 void ApproachLayer::see(const std::string& tile, const SurfacePoint& point) {

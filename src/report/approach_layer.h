@@ -48,7 +48,6 @@ class ApproachLayer {
     bool accessible = false;
   };
   [[nodiscard]] std::optional<std::size_t> toolOf(const Target& target, const FieldFolder& folder) const;
-  [[noreturn]] void fail(const std::string& problem) const;
 
   std::filesystem::path file_;
   nlohmann::ordered_json counts_;

@@ -27,6 +27,7 @@
 #include "report/table_maker.h"
 #include "report/text_coding.h"
 #include "report/tool_drawing.h"
+#include "report/view_layer.h"
 #include "report/voxel_thinning.h"
 
 namespace accessvdb::io {
@@ -60,6 +61,7 @@ class Page {
       : options_(options), folder_(openChecked(path)), run_(internal::RunRecord::read(path)) {
     result_.points = folder_.points;
     if (!options.approaches.empty()) approaches_.emplace(options.approaches);
+    if (!options.views.empty()) views_.emplace(options.views);
     if (run_.surface_points && *run_.surface_points != folder_.points) {
       warn("report.counts", "report.json is about " + std::to_string(*run_.surface_points) +
                                 " surface points, but the folder holds " + std::to_string(folder_.points));
@@ -140,6 +142,13 @@ class Page {
     if (approaches_) {
       shown_approaches_ = approaches_->shown(folder_);
       for (const auto& [id, text] : approaches_->warnings(folder_)) warn(id, text);
+    }
+    if (views_) {
+      std::array<std::uint64_t, kNumPointReasons> points = {};
+      for (const auto& of_label : classes_) {
+        for (std::size_t reason = 0; reason < points.size(); ++reason) points[reason] += of_label[reason].points;
+      }
+      if (const auto text = views_->warning(points)) warn("views.counts", *text);
     }
     result_.drawn = thinning.kept();
     const auto list = [](const std::vector<Eigen::Vector3f>& vectors, Json& json) {
@@ -260,6 +269,7 @@ class Page {
     };
     add(folder_.path / (folder_.files.size() == 1 && folder_.files[0].tile.empty() ? "points.ply" : "field.json"));
     if (approaches_) add(approaches_->file());
+    if (views_) add(views_->file());
     return list;
   }
 
@@ -287,6 +297,7 @@ class Page {
                                {"drawn", drawn(k)}});
     if (!ups_.empty()) json["ups"] = ups_;
     if (approaches_) json["approaches"] = shown_approaches_;
+    if (views_) json["views"] = views_->shown();
     if (!folder_.attributes.empty()) json["tables"] = tables();
     for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"title", options_.title},
                                     {"client", options_.client},
@@ -307,6 +318,7 @@ class Page {
   std::array<std::array<ClassCount, kNumPointReasons>, kNumPointLabels> classes_ = {};
   PointTable table_;
   std::optional<internal::ApproachLayer> approaches_;
+  std::optional<internal::ViewLayer> views_;
   Eigen::AlignedBox3d bounds_W_;
   Json blocks_ = Json::array(), directions_ = Json::array(), ups_ = Json::array(), shown_approaches_;
 };

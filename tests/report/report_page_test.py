@@ -678,6 +678,87 @@ class ReportPage(unittest.TestCase):
         self.assertIn("no tool of the name another", self.card()["text"])
         self.assertIn("1 of 3 targets", self.browser.evaluate("document.getElementById('problems').textContent"))
 
+    def test_views_are_listed_and_drawn(self):
+        points, folder, targets, _ = self.field_with_targets("viewed")
+        # Upright at first; then turned a quarter to the left, lying in front of all points.
+        views = [stored_field.view_at([-2, 1.5, 1.5], [1, 0, 0, 0], travel_m=0, way_is_free=False),
+                 stored_field.view_at([1.5, -2, 3.7], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], resolves=99, way_is_free=False),
+                 stored_field.view_at([1.5, 5.0, 3.7], [1, 0, 0, 0], resolves=55)]
+        listed_in = stored_field.write_views(self.root / "views_listed", views, points)
+        html = self.make(folder, "--views", listed_in)
+        self.assertNotIn("views.", run("report", "--map", folder, "--views", listed_in / "views.json", "--out", html).stderr)
+        self.show(html)
+        rows = self.browser.evaluate(
+            "[...document.querySelectorAll('#views .target')].map((b) => [...b.children].map((c) => c.textContent))")
+        self.assertEqual([row[0] for row in rows], ["0", "1", "2"])
+        self.assertEqual([row[1] for row in rows], [f"resolves about {n} points" for n in ("1\u202f235", "99", "55")])
+        for words in ("1\u202f001 seen too rarely", "200 from the wrong side", "34 with unknown space before them"):
+            self.assertIn(words, rows[0][2])
+        self.assertIn("2.5\u202fm of way, not known to be free", rows[1][2])
+        self.assertIn("2.5\u202fm of way, known to be free", rows[2][2])
+        self.assertIn("no start", rows[0][2])
+        unresolved = sum(int((points["reason"] == n).sum()) for n in (1, 3, 4))
+        self.assertIn(f"{unresolved:,}".replace(",", "\u202f"),
+                      self.browser.evaluate("document.getElementById('views-summary').textContent"))
+
+        def expect_at(number):
+            self.browser.wait_for(f"location.hash.includes('view=') && location.hash.endsWith('next={number}')")
+            view = re.search(r"view=([^&]*)", self.browser.evaluate("location.hash"))[1].split(",")
+            np.testing.assert_allclose([float(each) for each in view[:3]], views[number]["pose"]["position"], atol=1e-3)
+            current = self.browser.evaluate("[...document.querySelectorAll('[aria-current=true]')].map((b) => b.textContent[0])")
+            self.assertEqual(current, [str(number)] * 2, "in the list and in the picture")
+
+        for number in (2, 0, 1):
+            self.browser.evaluate(f"document.querySelectorAll('#views .target')[{number}].click()")
+            expect_at(number)
+        self.browser.evaluate("document.getElementById('fit').click()")
+        self.browser.evaluate("document.querySelectorAll('.pin')[2].click()")
+        expect_at(2)
+        self.show(html, "#next=1")
+        expect_at(1)
+        for fragment in ("#next=3", "#next=x"):
+            self.show(html, fragment)
+            self.assertEqual(self.browser.evaluate("document.querySelectorAll('[aria-current=true]').length"), 0)
+
+        def beside(number, aside, chosen=""):
+            """The colour next to a tip, as seen from above; its pyramid opens that way or not."""
+            at = views[number]["pose"]["position"]
+            self.show(html, f"#view={at[0]},{at[1]},{at[2]},1,-90,89.9{chosen}")
+            pixels = self.picture().astype(int)
+            height, width, _ = pixels.shape
+            x, y = np.array(aside) * height / 2 / np.tan(np.radians(20))
+            return pixels[int(height / 2 - y), int(width / 2 + x)]
+
+        red, green, blue = beside(0, (0.04, 0))
+        self.assertGreater(green, red + 40, "the first is green")
+        self.assertGreater(green, blue + 10)
+        background = beside(0, (-0.04, 0))
+        for _, aside in ((0, (0, 0.06)), (0, (0, -0.06))):
+            np.testing.assert_allclose(beside(0, aside), background, atol=3)
+        turned = beside(1, (0, 0.04))
+        self.assertLess(np.ptp(turned), 20, "others are grey")
+        self.assertLess(turned.sum(), background.sum() - 150)
+        np.testing.assert_allclose(beside(1, (0.06, 0)), background, atol=3)
+        red, green, blue = beside(1, (0, 0.04), "&next=1")
+        self.assertGreater(red, green + 40, "the chosen one is orange")
+        self.assertGreater(green, blue)
+        # Beside approaches.
+        both = self.make(folder, "--views", listed_in, "--approaches", stored_field.write_approaches(self.root / "both", targets))
+        self.show(both, "#next=2")
+        self.assertEqual(self.browser.evaluate("document.querySelectorAll('.pin').length"), 6)
+        self.browser.evaluate("document.querySelectorAll('#targets .target')[1].click()")
+        self.browser.wait_for("location.hash.includes('target=1') && !location.hash.includes('next=')")
+        self.assert_silent()
+
+    def test_views_of_another_map_are_said_to_be(self):
+        points = stored_field.random_points(50)
+        folder = stored_field.write_field(self.root / "not_viewed", points)
+        points["reason"][np.flatnonzero(points["reason"] == 3)[0]] = 5
+        views = stored_field.write_views(self.root / "views_elsewhere", [stored_field.view_at([0, 0, 0], [1, 0, 0, 0])], points)
+        result = run("report", "--map", folder, "--views", views, "--out", self.root / "elsewhere.html")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertIn("warning[views.counts]", result.stderr)
+
     def test_folders_of_older_versions(self):
         points = stored_field.random_points(50)
         folder = stored_field.write_field(self.root / "older", points)
@@ -711,6 +792,8 @@ class ReportErrors(unittest.TestCase):
             for code, error, arguments in [
                     (2, "usage.missing", ["--out", out]),
                     (2, "usage.missing", ["--map", whole]),
+                    (2, "usage.missing", ["--map", whole, "--out", out, "--views", ""]),
+                    (2, "usage.missing", ["--map", whole, "--out", out, "--approaches", ""]),
                     (2, "usage.max_points", ["--map", whole, "--out", out, "--max-points", 10]),
                     (3, "input.no_field", ["--map", root / "none", "--out", out]),
                     (3, "input.missing", ["--map", root, "--out", out]),
@@ -776,6 +859,50 @@ class ReportErrors(unittest.TestCase):
                     position=moved["position"], approaches=moved["approaches"])
             # What is read is not written over.
             result = run("report", "--map", whole, "--approaches", root / "list", "--out", root / "list" / "approaches.json")
+            self.assertEqual(result.returncode, 2, result.stderr)
+            self.assertIn("output.is_input", result.stderr)
+
+    def test_views_that_are_none(self):
+        with tempfile.TemporaryDirectory() as name:
+            root = pathlib.Path(name)
+            whole = stored_field.write_field(root / "whole", stored_field.random_points(20))
+            out = root / "x.html"
+
+            def refused(error, words, path=None, position=(1, 2, 3), turn=(1, 0, 0, 0), without=None, **changes):
+                if path is None:
+                    view = stored_field.view_at(position, turn, **changes)
+                    view.pop(without, None)
+                    path = stored_field.write_views(root / "list", [stored_field.view_at([0, 0, 0], [1, 0, 0, 0]), view])
+                result = run("report", "--map", whole, "--views", path, "--out", out)
+                self.assertEqual(result.returncode, 3, result.stderr)
+                self.assertEqual(result.stderr.count("error["), 1)
+                self.assertIn(f"error[{error}]", result.stderr)
+                self.assertIn(words, result.stderr)
+                self.assertFalse(out.exists())
+
+            def written(text):
+                (root / "text.json").write_text(text)
+                return root / "text.json"
+
+            refused("input.missing", "accessvdb views", path=root / "none")
+            refused("input.missing", "views.json", path=whole)
+            refused("input.views", "is not valid JSON", path=written("{"))
+            refused("input.views", "has no unresolved_points", path=written("[]"))
+            refused("input.views", "has no unresolved_points.unseen", path=written('{"unresolved_points": {"confidence": 1}}'))
+            refused("input.views", "has no views",
+                    path=written('{"unresolved_points": {"confidence": 1, "unseen": 1, "unknown": 1}}'))
+            for key in ("pose", "resolves", "of_confidence", "of_unseen", "of_unknown", "travel_m", "way_is_free"):
+                refused("input.views", f"has no views[1].{key}", without=key)
+            refused("input.views", "is not valid JSON", travel_m=float("nan"))
+            refused("input.views", "no finite number at views[1].resolves", resolves=None)
+            refused("input.views", "out of range at views[1].travel_m", travel_m=-1)
+            refused("input.views", "no true or false at views[1].way_is_free", way_is_free=1)
+            refused("input.views", "3 numbers at views[1].pose.position", position=(1, 2))
+            refused("input.views", "out of range at views[1].pose.position[2]", position=(1, 2, 1e30))
+            refused("input.views", "no unit quaternion at views[1].pose", turn=(1, 0, 0.1, 0))
+            # What is read is not written over.
+            stored_field.write_views(root / "list", [])
+            result = run("report", "--map", whole, "--views", root / "list", "--out", root / "list" / "views.json")
             self.assertEqual(result.returncode, 2, result.stderr)
             self.assertIn("output.is_input", result.stderr)
 

@@ -18,6 +18,7 @@
 #include "accessvdb/approaches.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/next_views.h"
 #include "report/point_packer.h"
 #include "report/surface_area.h"
 #include "report/text_coding.h"
@@ -322,6 +323,43 @@ TEST_F(ReportApproaches, PosesAreThoseOfTheLibrary) {
   const std::string before = textOf(folder_.path() / "x.html");
   (void)shown();
   EXPECT_EQ(textOf(folder_.path() / "x.html"), before);
+}
+
+TEST_F(ReportApproaches, ViewsAreThoseOfTheLibrary) {
+  NextView view;
+  view.T_W_S = found_.targets[0].approaches[0].retreat_T_WT;
+  view.resolves = 12.5;
+  view.of_confidence = 1.5;
+  view.of_unseen = 4;
+  view.of_unknown = 7;
+  view.travel_m = 2.25;
+  view.way_is_free = true;
+  NextViews views;
+  views.views = {NextView(), view};
+  views.confidence = 3;
+  views.unseen = 5;
+  views.unknown = 9;
+  fs::create_directories(folder_.path() / "views");
+  io::writeViews(folder_.path() / "views", views);
+  io::HtmlReportOptions options;
+  options.views = folder_.path() / "views";
+  page_ = io::writeHtmlReport(folder_.path() / "x.html", folder_.path() / "field", options);
+  // The map has none of them.
+  ASSERT_FALSE(page_.warnings.empty());
+  EXPECT_EQ(page_.warnings[0].first, "views.counts");
+  const nlohmann::json facts = factsOf(folder_.path() / "x.html").at("views");
+  EXPECT_EQ(facts.at("unresolved_points"), 17);
+  nlohmann::json shown = facts.at("views").at(1);
+  const auto n = shown.at("pose").get<std::vector<double>>();
+  EXPECT_EQ(Eigen::Vector3d(n[0], n[1], n[2]), Eigen::Vector3d(view.T_W_S.translation()));
+  EXPECT_TRUE(Eigen::Quaterniond(n[3], n[4], n[5], n[6]).toRotationMatrix().isApprox(view.T_W_S.linear(), 1e-14));
+  shown.erase("pose");
+  EXPECT_EQ(shown, (nlohmann::json{{"resolves", 12.5},
+                                   {"of_confidence", 1.5},
+                                   {"of_unseen", 4.0},
+                                   {"of_unknown", 7.0},
+                                   {"travel_m", 2.25},
+                                   {"way_is_free", true}}));
 }
 
 TEST_F(ReportApproaches, OfAnotherToolAreSaidToBe) {

@@ -113,6 +113,24 @@ def target_at(point, position, quaternions, stand_off_m=0.4, **changes):
             "approaches": approaches, **changes}
 
 
+def view_at(position, quaternion, **changes):
+    """A view of views.json."""
+    return {"pose": {"position": list(map(float, position)), "orientation_wxyz": list(map(float, quaternion))},
+            "resolves": 1234.5, "of_confidence": 1000.5, "of_unseen": 200.0, "of_unknown": 34.0, "travel_m": 2.5,
+            "way_is_free": True, "why": "resolves about 1234 points", **changes}
+
+
+def write_views(folder, views, points=None):
+    """views.json as `accessvdb views` leaves it. @param points  of the map whose unresolved points are counted"""
+    folder = pathlib.Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    unresolved = {reason: 0 if points is None else int((points["reason"] == REASONS.index(reason)).sum())
+                  for reason in ("confidence", "unseen", "unknown")}
+    (folder / "views.json").write_text(
+        json.dumps({"unresolved_points": unresolved, "poses_compared": 20, "views": views}, indent=2))
+    return folder
+
+
 def write_approaches(folder, targets):
     """approaches.json as `accessvdb approaches` leaves it."""
     folder = pathlib.Path(folder)

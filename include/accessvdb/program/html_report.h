@@ -32,6 +32,8 @@ struct HtmlReportOptions {
   std::vector<DrawnTool> tools = {};
   /// approaches.json of the map, or its folder, to be shown in place; empty: none.
   std::filesystem::path approaches = {};
+  /// views.json, or its folder, likewise; empty: none.
+  std::filesystem::path views = {};
   /// What the page is called, for whom it is and of which place; empty: the folder's name, and nothing.
   std::string title = {}, client = {}, site = {};
   bool allow_changed = false;  ///< draw files that are not as they were written, too (output_check.h)
@@ -50,7 +52,7 @@ struct HtmlReport {
 /// Writes the page of an output folder of `map`, whole or in tiles (read one at a time). The same folder gives the same
 /// bytes.
 /// @throws InvalidArgument (options, another number of tools), InputError (no such folder, files that were damaged or
-/// changed, "input.approaches"), UnusableInput "approaches.other_map", OutputError
+/// changed, "input.approaches", "input.views"), UnusableInput "approaches.other_map", OutputError
 ACCESSVDB_API HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesystem::path& folder,
                                          const HtmlReportOptions& options = {});
 

@@ -75,27 +75,28 @@ function fillTargets(facts, chosen) {
 
 // Scrolls the list alone: on a narrow screen the picture must stay in view.
 function showInList(button) {
-  const list = byId("targets"), at = button.getBoundingClientRect(), frame = list.getBoundingClientRect();
+  const list = button.closest("ol"), at = button.getBoundingClientRect(), frame = list.getBoundingClientRect();
   if (at.top < frame.top) list.scrollTop += at.top - frame.top;
   else if (at.bottom > frame.bottom) list.scrollTop += at.bottom - frame.bottom;
 }
 
-// The numbers of targets in the picture. Where two would overlap, the better one stays.
+// Numbers in the picture: of targets, or of views. Where two would overlap, the better one stays.
 class Pins {
-  constructor(targets, anchor_W, chosen) {
-    this.pins = targets.slice(0, MOST_PINS).map((target, n) => {
-      const button = element("button", "pin", String(n));
+  // @param marks  {title, place} of each  @param kind  "", or a class of the page's style
+  constructor(marks, kind, chosen) {
+    this.pins = marks.slice(0, MOST_PINS).map(({title, place}, n) => {
+      const button = element("button", `pin ${kind}`.trim(), String(n));
       button.type = "button";
-      button.title = `Target ${n}: ${target.why}`;
+      button.title = title;
       button.addEventListener("click", () => chosen(n));
-      return {button, place: subtract(target.approaches[0].pre_contact.slice(0, 3), anchor_W)};
+      return {button, place};
     });
-    byId("pins").replaceChildren(...this.pins.map(({button}) => button));
+    byId("pins").append(...this.pins.map(({button}) => button));
   }
 
-  // @param current  a target's number, which comes before all others; -1 for none
-  place(camera, current) {
-    const taken = [];
+  // @param current  a number, which comes before all others; -1 for none
+  // @param taken    place and width of each pin that is there; those of here are added
+  place(camera, current, taken) {
     const order = [...this.pins.keys()].sort((a, b) => Number(b === current) - Number(a === current));
     for (const n of order) {
       const {button, place} = this.pins[n], at = camera.toPixels(place);

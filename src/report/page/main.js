@@ -19,6 +19,9 @@ class Report {
     this.way = 0;          // its approach
     this.pose = CONTACT;   // index in POSES
     this.target_buttons = facts.approaches ? fillTargets(facts, (n) => this.goToTarget(n)) : [];
+    this.view = -1;        // of facts.views; then nothing is selected
+    this.view_buttons = facts.views ? fillViews(facts, (n) => this.goToView(n)) : [];
+    this.pins = [];        // Pins with what is current among them
     this.ready = false;  // the first picture was drawn
     this.frame_due = false;
     fillTools(facts, (chosen) => this.choose(chosen));
@@ -63,6 +66,7 @@ class Report {
     this.painter.heights = [most.low[2], most.high[2]];
     this.resize();
     this.camera.fit();
+    if (this.facts.views) this.drawViews();
     this.readAddress();
     this.paint();
     this.painter.finish();
@@ -101,7 +105,8 @@ class Report {
   paint(finer = 1) {
     this.painter.draw(this.camera, {mode: this.mode, hidden: this.hidden}, finer);
     this.placeRing();
-    if (this.pins) this.pins.place(this.camera, this.target);
+    const taken = [];
+    for (const {pins, current} of this.pins) pins.place(this.camera, current(), taken);
     this.drawScale();
   }
 
@@ -130,7 +135,8 @@ class Report {
   placeRing() {
     const ring = byId("ring");
     const place = this.selected >= 0 ? this.points.local(this.selected)
-        : this.target >= 0 ? this.localOf(this.facts.approaches.targets[this.target].position) : null;
+        : this.target >= 0 ? this.localOf(this.facts.approaches.targets[this.target].position)
+        : this.view >= 0 ? this.localOf(this.facts.views.views[this.view].pose.slice(0, 3)) : null;
     const at = place && this.camera.toPixels(place);
     ring.hidden = !at;
     if (!at) return;
@@ -200,6 +206,7 @@ class Report {
     this.showHidden();
     const within = this.painter.within;
     if (this.target >= 0) this.showApproach(this.target, this.way, this.pose);
+    else if (this.view >= 0) this.showView(this.view);
     else this.select(this.selected);
     this.painter.within = within;
   }
@@ -272,13 +279,14 @@ class Report {
   clear() {
     this.selected = -1;
     this.target = -1;
+    this.view = -1;
     this.painter.solids = [];
     for (const solid of this.painter.standing) solid.colour[3] = 1;
     this.painter.within = null;
     this.painter.focus = [0, 0, 0, 0];
     unmark(this.points);
     this.painter.marked = 0;
-    for (const button of this.target_buttons) button.setAttribute("aria-current", "false");
+    for (const button of [...this.target_buttons, ...this.view_buttons]) button.setAttribute("aria-current", "false");
   }
 
   // The tool with its tip at the point, and an arrow the way it comes. @return drawn points inside the tool
@@ -323,7 +331,9 @@ class Report {
       this.arrowsOf(targets.flatMap(({approaches}) => approaches.slice(1)), ARROW_COLOURS.other),
       this.arrowsOf(targets.map(({approaches}) => approaches[0]), ARROW_COLOURS.first),
     ];
-    this.pins = new Pins(targets, this.points.anchor_W, (n) => this.goToTarget(n));
+    const marks = targets.map(({why, approaches}, n) =>
+        ({title: `Target ${n}: ${why}`, place: this.localOf(approaches[0].pre_contact.slice(0, 3))}));
+    this.pins.push({pins: new Pins(marks, "", (n) => this.goToTarget(n)), current: () => this.target});
   }
 
   // Looks at a target's first approach from its side, so that tool and surface are seen apart.
@@ -359,6 +369,42 @@ class Report {
     this.moved();
   }
 
+  // Views --------------------------------------------------------------------------------------------------------------
+
+  pyramidsOf(views, colour) {
+    const poses = views.map(({pose}) => [...this.localOf(pose.slice(0, 3)), ...pose.slice(3)]);
+    return {mesh: pyramidsMesh(this.painter, poses, this.view_size_m),
+            placed: frameMatrix({x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]}, [0, 0, 0]),
+            colour: [...colour.map((value) => value / 255), 1], grow_px: 0.7, rim_px: 1.3};
+  }
+
+  drawViews() {
+    const {views} = this.facts.views;
+    this.view_size_m = viewSize_m(views, this.camera.radius);
+    this.painter.standing = [...this.painter.standing, this.pyramidsOf(views.slice(1), VIEW_COLOURS.other),
+                             this.pyramidsOf(views.slice(0, 1), VIEW_COLOURS.first)];
+    const marks = views.map(({resolves, pose}, n) =>
+        ({title: `View ${n}: resolves about ${grouped(resolves)} points`, place: this.localOf(pose.slice(0, 3))}));
+    this.pins.push({pins: new Pins(marks, "of-view", (n) => this.goToView(n)), current: () => this.view});
+  }
+
+  // Looks at a view from where the camera is, nearer.
+  goToView(number) {
+    this.showView(number);
+    this.camera.target = this.localOf(this.facts.views.views[number].pose.slice(0, 3));
+    this.camera.distance = 16 * this.view_size_m;
+    this.moved();
+  }
+
+  showView(number) {
+    this.select(-1);
+    this.view = number;
+    this.painter.solids.push({...this.pyramidsOf([this.facts.views.views[number]], VIEW_COLOURS.chosen), grow_px: 1.2});
+    this.view_buttons[number].setAttribute("aria-current", "true");
+    showInList(this.view_buttons[number]);
+    this.moved();
+  }
+
   // The address --------------------------------------------------------------------------------------------------------
 
   address() {
@@ -377,6 +423,7 @@ class Report {
       parts.set("approach", this.way);
       parts.set("pose", POSES[this.pose].key);
     }
+    if (this.view >= 0) parts.set("next", this.view);
     return "#" + parts.toString().replaceAll("%2C", ",").replaceAll("%3A", ":");
   }
 
@@ -398,6 +445,7 @@ class Report {
     const [, tile, id] = /^(?:(.*):)?(\d+)$/.exec(parts.get("point") || "") || [];
     this.select(id === undefined ? -1 : this.points.find(tile || "", Number(id)));
     this.readApproach(parts);
+    this.readView(parts);
   }
 
   readApproach(parts) {
@@ -408,6 +456,13 @@ class Report {
     const way = target.approaches[number("approach")] ? number("approach") : 0;
     if (!parts.has("view")) this.goToTarget(number("target"));
     this.showApproach(number("target"), way, pose < 0 ? CONTACT : pose);
+  }
+
+  readView(parts) {
+    const {views} = this.facts.views || {views: []}, number = /^\d+$/.test(parts.get("next") || "") ? Number(parts.get("next")) : -1;
+    if (!views[number]) return;
+    if (parts.has("view")) this.showView(number);
+    else this.goToView(number);
   }
 
   async copyLink() {

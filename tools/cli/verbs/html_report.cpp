@@ -100,6 +100,7 @@ void writePage(const PageSources& sources, Messages& messages) {
   options.tools = sources.tools;
   options.allow_changed = sources.allow_changed;
   options.approaches = sources.approaches;
+  options.views = sources.views;
   options.title = sources.header.title;
   options.client = sources.header.client;
   options.site = sources.header.site;
@@ -120,7 +121,7 @@ void writePage(const PageSources& sources, Messages& messages) {
 int runReport(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   ToolOptions tool_options;
-  std::string map, out, approaches;
+  std::string map, out, approaches, views;
   bool allow_changed = false;
   std::uint64_t most_points = io::HtmlReportOptions().most_points;
   FlagParser flags;
@@ -132,6 +133,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
       "  accessvdb report --map out/ --tool pruner.stl --out report.html\n"
       "  accessvdb report --map out/ --tool pruner.stl --tool builtin:pencil --out report.html\n"
       "  accessvdb report --map out/ --approaches approaches/ --out report.html\n"
+      "  accessvdb report --map out/ --views views/ --out report.html\n"
       "  accessvdb report --map out/ --title \"Pruning plan\" --client \"City of X\" --site \"Oak Lane\" --out "
       "report.html");
   addCommonOptions(flags, common);
@@ -141,6 +143,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
                "draw at most so many points; one per cube and reason where there are more");
   flags.option("--approaches", &approaches,
                "approaches.json of accessvdb approaches, or its folder: where to go first, with each way in");
+  flags.option("--views", &views, "views.json of accessvdb views, or its folder: where to look next");
   PageSources sources;
   addPageHeader(flags, sources.header, "the folder's name");
   addToolPlaces(flags, tool_options);
@@ -151,6 +154,12 @@ int runReport(const Arguments& arguments, Messages& messages) {
   if (map.empty())
     throw InvalidArgument("usage.missing", "--map", "is missing", "Name the output folder of accessvdb map");
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the HTML file to write");
+  for (const auto& [key, path] : {std::pair{"approaches", &approaches}, {"views", &views}}) {
+    if (flags.isSet(key) && path->empty()) {
+      throw InvalidArgument("usage.missing", std::string("--") + key, "has no path",
+                            std::string("Name the output folder of accessvdb ") + key);
+    }
+  }
   if (most_points < io::HtmlReportOptions::kLeastPoints) {
     throw InvalidArgument("usage.max_points", "--max-points",
                           "must be " + std::to_string(io::HtmlReportOptions::kLeastPoints) + " or more");
@@ -159,6 +168,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
   const std::vector<ToolOfRun> drawn = toolsToDraw(tool_options, map);
   auto inputs = joined({common.config}, filesOfMap(map));
   if (!approaches.empty()) inputs = joined(std::move(inputs), {approaches, fs::path(approaches) / "approaches.json"});
+  if (!views.empty()) inputs = joined(std::move(inputs), {views, fs::path(views) / "views.json"});
   for (const ToolOfRun& tool : drawn) inputs = joined(std::move(inputs), filesOfTools(tool.options));
   requireNoInputs({out}, inputs);
   std::deque<ToolGeometry> tools;  // whose addresses stay
@@ -179,6 +189,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
   sources.html = out;
   sources.folder = map;
   sources.approaches = approaches;
+  sources.views = views;
   sources.most_points = most_points;
   sources.allow_changed = allow_changed;
   writePage(sources, messages);

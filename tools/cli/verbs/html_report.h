@@ -16,10 +16,10 @@ namespace accessvdb::tools {
 
 struct PageSources {
   std::filesystem::path html, folder;
-  std::vector<io::DrawnTool> tools;  ///< to be drawn
-  std::uint64_t most_points = 0;     ///< 0 = the library's limit
-  std::filesystem::path approaches;  ///< to be shown; empty: none
-  bool allow_changed = false;        ///< of the folder's files
+  std::vector<io::DrawnTool> tools;         ///< to be drawn
+  std::uint64_t most_points = 0;            ///< 0 = the library's limit
+  std::filesystem::path approaches, views;  ///< to be shown; empty: none
+  bool allow_changed = false;               ///< of the folder's files
   PageHeader header;
 };
 /// Writes the page, and says what it holds and what is odd about it. @throws what io::writeHtmlReport() throws
