@@ -371,9 +371,10 @@ class Report {
 
   // Views --------------------------------------------------------------------------------------------------------------
 
-  pyramidsOf(views, colour) {
+  // Others are smaller than the first, which one at the same place would hide.
+  pyramidsOf(views, colour, share = 1) {
     const poses = views.map(({pose}) => [...this.localOf(pose.slice(0, 3)), ...pose.slice(3)]);
-    return {mesh: pyramidsMesh(this.painter, poses, this.view_size_m),
+    return {mesh: pyramidsMesh(this.painter, poses, share * this.view_size_m),
             placed: frameMatrix({x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]}, [0, 0, 0]),
             colour: [...colour.map((value) => value / 255), 1], grow_px: 0.7, rim_px: 1.3};
   }
@@ -381,7 +382,7 @@ class Report {
   drawViews() {
     const {views} = this.facts.views;
     this.view_size_m = viewSize_m(views, this.camera.radius);
-    this.painter.standing = [...this.painter.standing, this.pyramidsOf(views.slice(1), VIEW_COLOURS.other),
+    this.painter.standing = [...this.painter.standing, this.pyramidsOf(views.slice(1), VIEW_COLOURS.other, 0.8),
                              this.pyramidsOf(views.slice(0, 1), VIEW_COLOURS.first)];
     const marks = views.map(({resolves, pose}, n) =>
         ({title: `View ${n}: resolves about ${grouped(resolves)} points`, place: this.localOf(pose.slice(0, 3))}));
@@ -399,7 +400,9 @@ class Report {
   showView(number) {
     this.select(-1);
     this.view = number;
-    this.painter.solids.push({...this.pyramidsOf([this.facts.views.views[number]], VIEW_COLOURS.chosen), grow_px: 1.2});
+    const view = this.facts.views.views[number];
+    view.pyramid ||= this.pyramidsOf([view], VIEW_COLOURS.chosen);
+    this.painter.solids.push({...view.pyramid, grow_px: 1.2});
     this.view_buttons[number].setAttribute("aria-current", "true");
     showInList(this.view_buttons[number]);
     this.moved();
