@@ -196,7 +196,8 @@ bool isOwn(const fs::path& output) {
   if (kind == ".mcap") return begins("\x89MCAP0\r\n") && begins("AccessVDB ", 25);
   if (kind == ".bt") return begins("# Octomap OcTree binary file\n# AccessVDB ");
   if (kind == ".gpkg") return begins("SQLite format 3") && has("accessible points, written by AccessVDB");
-  if (kind == ".csv") return begins(io::kTableBegin) || begins("target,approach,point,") || begins("view,resolves,of_confidence,");
+  if (kind == ".csv")
+    return begins(io::kTableBegin) || begins("target,approach,point,") || begins("view,resolves,of_confidence,");
   if (kind == ".md")
     return has("- command: accessvdb-lab evaluate") || has("- command: accessvdb evaluate") ||
            begins("# Consistency of labels from recorded scans");

@@ -36,8 +36,7 @@ std::string lineOf(const NextView& view, std::size_t number) {
   char text[320];
   std::snprintf(text, sizeof text, "%zu  at %.3f %.3f %.3f, yaw %.0f, pitch %.0f degrees: %s", number, p_W.x(), p_W.y(),
                 p_W.z(), std::round(std::atan2(x_W.y(), x_W.x()) / kRadians) + 0.0,
-                std::round(std::asin(std::clamp(x_W.z(), -1.0, 1.0)) / kRadians) + 0.0,
-                view.why.c_str());
+                std::round(std::asin(std::clamp(x_W.z(), -1.0, 1.0)) / kRadians) + 0.0, view.why.c_str());
   std::string line = text;
   if (view.travel_m > 0) {
     std::snprintf(text, sizeof text, "; %.2f m away, straight there %s", view.travel_m,
