@@ -63,7 +63,8 @@ TEST_F(SeveralToolsInTheProgram, AreInEveryResult) {
   const std::string ply = readText("out/points.ply");
   EXPECT_NE(ply.find("\ncomment tools arm,thin,tilted\n"), std::string::npos);
   EXPECT_NE(ply.find("\ncomment tool_arm_max_collisions -1\n"), std::string::npos);
-  EXPECT_NE(ply.find("property uchar tool\nproperty uint tools\nend_header\n"), std::string::npos);
+  EXPECT_NE(ply.find("property uchar tool\nproperty uint tools\nproperty float access_probability\nend_header\n"),
+            std::string::npos);
   const ProgramResult info = runProgram({"info", path("out/field.vdb")});
   for (const char* grid : {"best_tool", "accessible_arm", "accessible_thin", "accessible_tilted"}) {
     EXPECT_NE(info.out.find(grid), std::string::npos) << grid;

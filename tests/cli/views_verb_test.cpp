@@ -18,8 +18,8 @@ class ViewsVerb : public ProgramTest {
  protected:
   void SetUp() override {
     ProgramTest::SetUp();
-    writeWallScans();
-    writePoses();
+    writeScansOf({}, folder_ / "scans", 0, 4);
+    writePoses(4);
   }
   ProgramResult views(const std::string& state, const std::vector<std::string>& more) {
     const std::vector<std::string> arguments = mapArguments();
