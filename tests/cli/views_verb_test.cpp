@@ -4,9 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "checkpoint_world.h"
 #include "program_run.h"
 
 namespace accessvdb::cli_test {
@@ -18,8 +18,18 @@ class ViewsVerb : public ProgramTest {
  protected:
   void SetUp() override {
     ProgramTest::SetUp();
-    writeScansOf({}, folder_ / "scans", 0, 4);
-    writePoses(4);
+    std::filesystem::create_directories(folder_ / "scans");
+    // So few returns of a wall, 17 cm apart, that no voxel has two.
+    for (const char* name : {"000100.000000.pcd", "000101.000000.pcd"}) {
+      std::string points;
+      for (int n = 0; n < 144; ++n)
+        points += "2 " + std::to_string(-1 + 0.17 * (n % 12)) + " " + std::to_string(-0.9 + 0.17 * (n / 12)) + "\n";
+      writeText(std::string("scans/") + name,
+                "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 144\nHEIGHT 1\n"
+                "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 144\nDATA ascii\n" +
+                    points);
+    }
+    writePoses(2);
   }
   ProgramResult views(const std::string& state, const std::vector<std::string>& more) {
     const std::vector<std::string> arguments = mapArguments();
@@ -64,7 +74,7 @@ TEST_F(ViewsVerb, ProposesFromACheckpointWithKnownFreeSpace) {
 
   expectRefused({"--azimuth", "0"}, 2, "views.field_of_view", "--azimuth");
   expectRefused({"--elevation", "52,-7"}, 2, "views.field_of_view", "--elevation");
-  expectRefused({"--elevation", "52"}, 2, "usage.number", "--elevation");
+  expectRefused({"--elevation", "52"}, 2, "usage.numbers", "--elevation");
   expectRefused({"--pitches", "120"}, 2, "views.field_of_view", "--pitches");
   expectRefused({"--rays", "0"}, 2, "views.field_of_view", "--rays");
   expectRefused({"--reach", "-1"}, 2, "views.field_of_view", "--reach");

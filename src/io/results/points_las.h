@@ -39,7 +39,9 @@ struct LasContent {
   bool probability = false;  ///< SurfacePoints::hasProbability()
 
   /// Bytes of a point behind LAS's own and kColumns.
-  [[nodiscard]] std::size_t furtherBytes() const { return (carried.size() + (margins ? 2 : 0) + (probability ? 1 : 0)) * 4; }
+  [[nodiscard]] std::size_t furtherBytes() const {
+    return (carried.size() + (margins ? 2 : 0) + (probability ? 1 : 0)) * 4;
+  }
 };
 
 /// Writes the points one after the other.
