@@ -92,7 +92,7 @@ struct SurfacePoint {
   float confidence = 0;            ///< [c] in [0, 1)
   float stability = 1;             ///< [a] in [0, 1]
   /// How likely it is, in [0, 1], that the exact tool reaches the point in the cone around this normal
-  /// (access_probability.h). -1: nothing is said, as of points that are unscored or whose normal alone decides.
+  /// (access_probability.h). -1: nothing is said: it is unscored, or its reason is Normal or Unseen.
   float access_probability = -1;
   PointLabel label = PointLabel::Unscored;
   PointReason reason = PointReason::Confidence;
