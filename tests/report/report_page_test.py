@@ -780,6 +780,14 @@ class ReportPage(unittest.TestCase):
 
 
 class ReportErrors(unittest.TestCase):
+    def assert_refused(self, result, code, error, words, out):
+        """One error, and no page."""
+        self.assertEqual(result.returncode, code, result.stderr)
+        self.assertEqual(result.stderr.count("error["), 1)
+        self.assertIn(f"error[{error}]", result.stderr)
+        self.assertIn(words, result.stderr)
+        self.assertFalse(out.exists())
+
     def test_each_ends_with_its_code_and_leaves_nothing(self):
         with tempfile.TemporaryDirectory() as name:
             root = pathlib.Path(name)
@@ -819,11 +827,7 @@ class ReportErrors(unittest.TestCase):
                                                     changes.pop("stand_off_m", 0.4)) | changes
                     path = stored_field.write_approaches(root / "list", [stored_field.target_at(0, points["position"][0], good), target])
                 result = run("report", "--map", whole, "--approaches", path, "--out", out)
-                self.assertEqual(result.returncode, code, result.stderr)
-                self.assertEqual(result.stderr.count("error["), 1)
-                self.assertIn(f"error[{error}]", result.stderr)
-                self.assertIn(words, result.stderr)
-                self.assertFalse(out.exists())
+                self.assert_refused(result, code, error, words, out)
 
             def written(text):
                 (root / "text.json").write_text(text)
@@ -874,11 +878,7 @@ class ReportErrors(unittest.TestCase):
                     view.pop(without, None)
                     path = stored_field.write_views(root / "list", [stored_field.view_at([0, 0, 0], [1, 0, 0, 0]), view])
                 result = run("report", "--map", whole, "--views", path, "--out", out)
-                self.assertEqual(result.returncode, 3, result.stderr)
-                self.assertEqual(result.stderr.count("error["), 1)
-                self.assertIn(f"error[{error}]", result.stderr)
-                self.assertIn(words, result.stderr)
-                self.assertFalse(out.exists())
+                self.assert_refused(result, 3, error, words, out)
 
             def written(text):
                 (root / "text.json").write_text(text)
