@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "hostdev/surface_normal.h"
-#include "processor/x86_kernels.h"
+#include "processor/instruction_sets.h"
 
 #if ACCESSVDB_X86_KERNELS
 #pragma GCC push_options
@@ -93,6 +93,47 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
 #pragma GCC pop_options
 #endif
 
+#if ACCESSVDB_NEON_KERNELS
+namespace accessvdb::internal::near_neon {
+
+inline unsigned closer(const float* x, const float* y, const float* z, float32x4_t cx, float32x4_t cy, float32x4_t cz,
+                       float32x4_t squared) {
+  const float32x4_t dx = vsubq_f32(vld1q_f32(x), cx), dy = vsubq_f32(vld1q_f32(y), cy);
+  const float32x4_t dz = vsubq_f32(vld1q_f32(z), cz);
+  const float32x4_t sum = vaddq_f32(vaddq_f32(vmulq_f32(dx, dx), vmulq_f32(dy, dy)), vmulq_f32(dz, dz));
+  static const std::uint32_t kBit[4] = {1, 2, 4, 8};
+  return vaddvq_u32(vandq_u32(vcleq_f32(sum, squared), vld1q_u32(kBit)));
+}
+
+std::size_t within(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared,
+                   std::uint32_t* found) {
+  const float32x4_t cx = vdupq_n_f32(c[0]), cy = vdupq_n_f32(c[1]), cz = vdupq_n_f32(c[2]);
+  const float32x4_t bound = vdupq_n_f32(squared);
+  std::size_t count = 0;
+  for (std::size_t n = 0; n < lanes; n += 4) {
+    for (unsigned mask = closer(x + n, y + n, z + n, cx, cy, cz, bound); mask != 0; mask &= mask - 1) {
+      found[count++] = static_cast<std::uint32_t>(n) + static_cast<std::uint32_t>(__builtin_ctz(mask));
+    }
+  }
+  return count;
+}
+
+bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared) {
+  const float32x4_t cx = vdupq_n_f32(c[0]), cy = vdupq_n_f32(c[1]), cz = vdupq_n_f32(c[2]);
+  const float32x4_t bound = vdupq_n_f32(squared);
+  for (std::size_t n = 0; n < lanes; n += 4) {
+    if (closer(x + n, y + n, z + n, cx, cy, cz, bound) != 0) return true;
+  }
+  return false;
+}
+
+#include "points/real_neon.h"
+// Uses what is defined above.
+#include "points/near_kernels_body.h"
+
+}  // namespace accessvdb::internal::near_neon
+#endif
+
 namespace accessvdb::internal::near_plain {
 
 #include "points/real_plain.h"
@@ -148,6 +189,14 @@ constexpr NearKernels kAvx2 = {"avx2",
                                near_avx2::countWithin,
                                near_avx2::listWithin,
                                near_avx2::sumsWithin};
+#elif ACCESSVDB_NEON_KERNELS
+constexpr NearKernels kNeon = {"neon",
+                               near_neon::within,
+                               near_neon::anyWithin,
+                               near_neon::measure,
+                               near_neon::countWithin,
+                               near_neon::listWithin,
+                               near_neon::sumsWithin};
 #endif
 
 }  // namespace
@@ -155,6 +204,8 @@ constexpr NearKernels kAvx2 = {"avx2",
 KernelList<NearKernels> runnableNearKernels() {
 #if ACCESSVDB_X86_KERNELS
   return runnableKernels(kAvx512, kAvx2, kPlain);
+#elif ACCESSVDB_NEON_KERNELS
+  return {{&kNeon, &kPlain, nullptr}, 2};
 #else
   return {{&kPlain, nullptr, nullptr}, 1};
 #endif

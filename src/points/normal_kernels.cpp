@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "points/normal_kernels.h"
 
-#include "processor/x86_kernels.h"
+#include "processor/instruction_sets.h"
 
 #if ACCESSVDB_X86_KERNELS
 #pragma GCC push_options
@@ -30,6 +30,17 @@ namespace accessvdb::internal::normals_avx2 {
 #pragma GCC pop_options
 #endif
 
+#if ACCESSVDB_NEON_KERNELS
+namespace accessvdb::internal::normals_neon {
+
+#include "points/real_neon.h"
+// Uses what is defined above.
+#include "hostdev/surface_normal_body.h"
+#include "points/normal_kernels_body.h"
+
+}  // namespace accessvdb::internal::normals_neon
+#endif
+
 namespace accessvdb::internal {
 namespace {
 
@@ -41,6 +52,8 @@ constexpr NormalKernels kPlain = {"plain", oneByOne};
 #if ACCESSVDB_X86_KERNELS
 constexpr NormalKernels kAvx512 = {"avx512", normals_avx512::smallestEigenvectors};
 constexpr NormalKernels kAvx2 = {"avx2", normals_avx2::smallestEigenvectors};
+#elif ACCESSVDB_NEON_KERNELS
+constexpr NormalKernels kNeon = {"neon", normals_neon::smallestEigenvectors};
 #endif
 
 }  // namespace
@@ -48,6 +61,8 @@ constexpr NormalKernels kAvx2 = {"avx2", normals_avx2::smallestEigenvectors};
 KernelList<NormalKernels> runnableNormalKernels() {
 #if ACCESSVDB_X86_KERNELS
   return runnableKernels(kAvx512, kAvx2, kPlain);
+#elif ACCESSVDB_NEON_KERNELS
+  return {{&kNeon, &kPlain, nullptr}, 2};
 #else
   return {{&kPlain, nullptr, nullptr}, 1};
 #endif

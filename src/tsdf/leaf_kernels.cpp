@@ -6,7 +6,7 @@
 #include <bit>
 #include <cmath>
 
-#include "processor/x86_kernels.h"
+#include "processor/instruction_sets.h"
 
 // leaf_kernels_body.h is included once per instruction set, each time in its own namespace with its own lanes.
 #define ACCESSVDB_KERNEL inline
@@ -36,6 +36,16 @@ namespace accessvdb::internal::avx2 {
 #pragma GCC pop_options
 #endif
 
+#if ACCESSVDB_NEON_KERNELS
+namespace accessvdb::internal::neon {
+#include "tsdf/lanes_neon.h"
+// The lanes come first.
+#include "tsdf/lanes_sixteen.h"
+// Uses what is defined above.
+#include "hostdev/leaf_kernels_body.h"
+}  // namespace accessvdb::internal::neon
+#endif
+
 namespace accessvdb::internal::plain {
 #include "tsdf/lanes_plain.h"
 // The lanes come first.
@@ -58,6 +68,10 @@ constexpr LeafKernels kAvx512 = {
 constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addNews,          avx2::addFullCube,
                                avx2::markBand, avx2::gainedStrips,  avx2::markMeasuredFree, avx2::markColliding,
                                avx2::flipArm,  avx2::fold};
+#elif ACCESSVDB_NEON_KERNELS
+constexpr LeafKernels kNeon = {"neon",         neon::addDoubleCone, neon::addNews,          neon::addFullCube,
+                               neon::markBand, neon::gainedStrips,  neon::markMeasuredFree, neon::markColliding,
+                               neon::flipArm,  neon::fold};
 #endif
 
 }  // namespace
@@ -65,6 +79,8 @@ constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addNew
 KernelList<LeafKernels> runnableLeafKernels() {
 #if ACCESSVDB_X86_KERNELS
   return runnableKernels(kAvx512, kAvx2, kPlain);
+#elif ACCESSVDB_NEON_KERNELS
+  return {{&kNeon, &kPlain, nullptr}, 2};
 #else
   return {{&kPlain, nullptr, nullptr}, 1};
 #endif

@@ -2,18 +2,24 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Inner loops that one source file compiles for several instruction sets, to choose among at run time.
 ///
-/// Code for a set stands between `#pragma GCC push_options` with that target and `pop_options`, under
+/// On x86-64, code for a set stands between `#pragma GCC push_options` with that target and `pop_options`, under
 /// `#if ACCESSVDB_X86_KERNELS`. There is no code of the standard library inside, and no template: an inline function
 /// compiled there could end up being used everywhere, and a template would be instantiated outside the pragma's scope.
+/// On 64-bit ARM every processor has NEON: its code needs no pragma, under `#if ACCESSVDB_NEON_KERNELS`.
 #pragma once
 
 #include "processor/kernel_list.h"
 
+#define ACCESSVDB_X86_KERNELS 0
+#define ACCESSVDB_NEON_KERNELS 0
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#undef ACCESSVDB_X86_KERNELS
 #define ACCESSVDB_X86_KERNELS 1
 #include <immintrin.h>
-#else
-#define ACCESSVDB_X86_KERNELS 0
+#elif defined(__aarch64__) && defined(__ARM_NEON) && !defined(__AARCH64EB__)
+#undef ACCESSVDB_NEON_KERNELS
+#define ACCESSVDB_NEON_KERNELS 1
+#include <arm_neon.h>
 #endif
 
 namespace accessvdb::internal {
