@@ -23,12 +23,36 @@ if(NOT ACCESSVDB_HAS_PCL AND PROJECT_IS_TOP_LEVEL)
   message(STATUS "AccessVDB: no PCL; its tests and its example are not built")
 endif()
 
-# Debian installs OpenVDB's Find module next to the libraries, outside CMake's own path.
-file(GLOB _openvdb_modules /usr/lib/*/cmake/OpenVDB /usr/lib/cmake/OpenVDB /usr/local/lib*/cmake/OpenVDB)
+# OpenVDB installs its Find module next to the libraries, outside CMake's own path.
+set(_openvdb_modules "")
+foreach(_prefix IN LISTS CMAKE_PREFIX_PATH)
+  list(APPEND _openvdb_modules ${_prefix}/lib*/cmake/OpenVDB)
+endforeach()
+file(GLOB _openvdb_modules ${_openvdb_modules} ${CMAKE_SYSROOT}/usr/lib/*/cmake/OpenVDB ${CMAKE_SYSROOT}/usr/lib/cmake/OpenVDB
+  ${CMAKE_SYSROOT}/usr/local/lib*/cmake/OpenVDB)
 list(APPEND CMAKE_MODULE_PATH ${_openvdb_modules})
 find_package(OpenVDB QUIET COMPONENTS openvdb nanovdb)
 if(NOT OpenVDB_FOUND)
   message(FATAL_ERROR "AccessVDB needs OpenVDB with NanoVDB. On Debian and Ubuntu: apt install libopenvdb-dev libnanovdb-dev")
+elseif(OpenVDB_VERSION VERSION_LESS 10.0 OR OpenVDB_VERSION VERSION_GREATER_EQUAL 14.0)
+  message(FATAL_ERROR "AccessVDB needs OpenVDB 10 to 13; this is ${OpenVDB_VERSION}. Name another one: "
+                      "-DCMAKE_PREFIX_PATH=PREFIX, with the prefix that it is installed in")
+endif()
+string(REGEX MATCH "^[0-9]+\\.[0-9]+" ACCESSVDB_OPENVDB_RELEASE ${OpenVDB_VERSION})
+# The grids of a GPU are laid out by hand: src/mirror/grid_layout.h checks that as it is compiled, and says what differs.
+find_path(ACCESSVDB_NANOVDB_INCLUDE_DIR nanovdb/NanoVDB.h REQUIRED)
+file(STRINGS ${ACCESSVDB_NANOVDB_INCLUDE_DIR}/nanovdb/NanoVDB.h _nanovdb REGEX "^#define NANOVDB_(MAJOR|MINOR)_VERSION_NUMBER +[0-9]+")
+list(TRANSFORM _nanovdb REPLACE "^#define [A-Z_]+ +([0-9]+).*" "\\1")
+list(JOIN _nanovdb "." ACCESSVDB_NANOVDB_VERSION)
+if(ACCESSVDB_NANOVDB_VERSION VERSION_LESS 32.4 OR ACCESSVDB_NANOVDB_VERSION VERSION_GREATER_EQUAL 33)
+  message(FATAL_ERROR "AccessVDB needs NanoVDB 32.4 or a later 32.x, which come with OpenVDB 10 to 13; "
+                      "${ACCESSVDB_NANOVDB_INCLUDE_DIR}/nanovdb is ${ACCESSVDB_NANOVDB_VERSION}. Name another one: "
+                      "-DACCESSVDB_NANOVDB_INCLUDE_DIR=FOLDER, with the folder that has nanovdb/NanoVDB.h")
+elseif(PROJECT_IS_TOP_LEVEL)
+  message(STATUS "AccessVDB: OpenVDB ${OpenVDB_VERSION}, NanoVDB ${ACCESSVDB_NANOVDB_VERSION}")
+  if(ACCESSVDB_NANOVDB_VERSION VERSION_GREATER 32.9)
+    message(WARNING "AccessVDB: nobody has tried NanoVDB ${ACCESSVDB_NANOVDB_VERSION} yet, only 32.4 to 32.9. Run ctest -L parity")
+  endif()
 endif()
 
 foreach(_package IN ITEMS "Eigen3|libeigen3-dev" "assimp|libassimp-dev" "nlohmann_json|nlohmann-json3-dev" "PNG|libpng-dev"

@@ -1,9 +1,15 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The only file on the kernel side that includes NanoVDB. Handles the header paths of 10.x and of 11 and later.
+/// The only file on the kernel side that includes NanoVDB, of which 32.4 (with OpenVDB 10) to 32.9 (with 13) were tried.
+/// Code uses the names that all of them have; here is what was renamed on the way.
 #pragma once
 
 #include <nanovdb/NanoVDB.h>
+#include <cstdint>
+
+#if NANOVDB_MAJOR_VERSION_NUMBER != 32 || NANOVDB_MINOR_VERSION_NUMBER < 4
+#error "AccessVDB needs NanoVDB 32.4 or a later 32.x (OpenVDB 10 to 13). Install one, or set ACCESSVDB_NANOVDB_INCLUDE_DIR."
+#endif
 
 #if defined(__CUDACC__)
 #define ACCESSVDB_HOSTDEV __host__ __device__
@@ -19,6 +25,13 @@
 #endif
 
 namespace accessvdb::kernels {
+
+/// The first word of a grid in memory.
+#if defined(NANOVDB_MAGIC_GRID)  // since 32.7, which still reads the other one
+inline constexpr std::uint64_t kGridMagic = NANOVDB_MAGIC_GRID;
+#else
+inline constexpr std::uint64_t kGridMagic = NANOVDB_MAGIC_NUMBER;
+#endif
 
 using OccupancyGrid = nanovdb::NanoGrid<bool>;
 using OccupancyRoot = nanovdb::NanoRoot<bool>;

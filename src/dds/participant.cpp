@@ -2,13 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dds/participant.h"
 
-#include <fastrtps/config.h>
 #include <algorithm>
 #include <array>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/log/Log.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
@@ -18,6 +16,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "dds/fastdds_compat.h"
 #include "dds/incoming_messages.h"
 #include "dds/participant_qos.h"
 #include "dds/raw_type.h"
@@ -25,9 +24,6 @@
 
 namespace accessvdb::dds {
 namespace {
-
-namespace fast = eprosima::fastdds::dds;
-namespace rtps = eprosima::fastrtps::rtps;
 
 constexpr const char* kCloudType = "sensor_msgs::msg::dds_::PointCloud2_";
 constexpr const char* kPosesType = "geometry_msgs::msg::dds_::PoseArray_";
@@ -110,7 +106,7 @@ struct Participant::Impl {
 
   fast::Topic* topicOf(const std::string& ros_topic, const std::string& type, std::uint32_t most_bytes) {
     if (participant->find_type(type).empty() &&
-        participant->register_type(fast::TypeSupport(new RawType(type, most_bytes))) != ReturnCode_t::RETCODE_OK)
+        participant->register_type(fast::TypeSupport(new RawType(type, most_bytes))) != kDone)
       return nullptr;
     return participant->create_topic(ddsTopic(ros_topic), type, fast::TOPIC_QOS_DEFAULT);
   }
@@ -124,7 +120,7 @@ struct Participant::Impl {
     qos.history().depth = depth;
     qos.publish_mode().kind = fast::ASYNCHRONOUS_PUBLISH_MODE;  // sends from a thread of its own
     // A datagram that is lost, as in the burst of a large cloud, is noticed and sent again within this time.
-    qos.reliable_writer_qos().times.heartbeatPeriod = {0, 100'000'000};
+    setHeartbeatPeriod(qos, 100'000'000);
     qos.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
     fast::Topic* topic = topicOf(kOutputTopics[static_cast<int>(output)], type,
                                  output == Output::Status ? kMostTextBytes : options.most_message_bytes);
@@ -211,7 +207,7 @@ Participant::Participant(const ParticipantOptions& options, const Receivers& rec
 }
 Participant::~Participant() = default;
 
-std::string middleware() { return "Fast DDS " FASTRTPS_VERSION_STR; }
+std::string middleware() { return "Fast DDS " ACCESSVDB_FASTDDS_VERSION; }
 
 std::vector<std::string> Participant::poll() {
   std::vector<std::string> notices;
@@ -225,7 +221,7 @@ void Participant::stopReceiving() {
 }
 
 bool Participant::publish(Output output, std::string cdr) {
-  return impl_->writers[static_cast<std::size_t>(output)]->write(&cdr);
+  return write(*impl_->writers[static_cast<std::size_t>(output)], &cdr);
 }
 
 std::uint64_t Participant::subscribers(Output output) const {

@@ -2,15 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dds/participant_qos.h"
 
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
-#include <fastrtps/utils/IPLocator.h>
 #include <memory>
 
+#include "dds/fastdds_compat.h"
+
 namespace accessvdb::dds {
-
-namespace fast = eprosima::fastdds::dds;
-namespace rtps = eprosima::fastrtps::rtps;
-
 namespace {
 
 rtps::Locator_t loopback() {

@@ -7,7 +7,6 @@
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/log/Log.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
 #include <fastdds/dds/topic/TypeSupport.hpp>
@@ -26,7 +25,6 @@
 namespace accessvdb::dds {
 namespace {
 
-namespace fast = eprosima::fastdds::dds;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::uint32_t kMostMessageBytes = 1U << 30;
@@ -66,8 +64,8 @@ class Publisher {
     qos.resource_limits().max_samples_per_instance = qos.resource_limits().max_samples;
     qos.resource_limits().allocated_samples = 10;
     qos.publish_mode().kind = fast::ASYNCHRONOUS_PUBLISH_MODE;
-    qos.reliable_writer_qos().times.heartbeatPeriod = {0, 50'000'000};
-    qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_RESERVE_MEMORY_MODE;
+    setHeartbeatPeriod(qos, 50'000'000);
+    qos.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
     fast::DataWriter* made = topic == nullptr ? nullptr : publisher_->create_datawriter(topic, qos);
     if (made == nullptr)
       throw ResourceLimit("dds.participant", ros_topic, "could not be published", "End other programs that use DDS");
@@ -131,7 +129,7 @@ std::uint64_t replay(const ReplayOptions& options) {
                                       std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(
                                           1e-9 * static_cast<double>(message.logged_ns - *first_ns) / options.rate)));
       std::string bytes(message.bytes);
-      published += writers.at(recording->topics()[message.topic].name)->write(&bytes) ? 1 : 0;
+      published += write(*writers.at(recording->topics()[message.topic].name), &bytes) ? 1 : 0;
     });
   }
   for (const auto& [topic, writer] : writers)

@@ -10,12 +10,9 @@
 
 namespace accessvdb::dds {
 
-namespace fast = eprosima::fastdds::dds;
-namespace rtps = eprosima::fastrtps::rtps;
-
 void Subscription::on_data_available(fast::DataReader* from) {
   fast::SampleInfo info;
-  while (from->take_next_sample(&message_, &info) == ReturnCode_t::RETCODE_OK) {
+  while (from->take_next_sample(&message_, &info) == kDone) {
     if (!info.valid_data) continue;
     std::string problem;
     try {
@@ -62,16 +59,14 @@ void Subscription::countLost(const rtps::SampleIdentity& message) {
 
 void Discovery::want(const std::string& topic) { found_[ddsTopic(topic)]; }
 
-void Discovery::on_publisher_discovery(fast::DomainParticipant*, rtps::WriterDiscoveryInfo&& writer) {
+void Discovery::onWriter(AnnouncedWriter writer) {
   constexpr std::size_t kMostSenders = 512;  // of one topic
   const std::scoped_lock locked(lock_);
-  const auto wanted = found_.find(writer.info.topicName().to_string());
+  const auto wanted = found_.find(writer.topic);
   if (wanted == found_.end()) return;
-  std::erase_if(wanted->second, [&](const Sender& known) { return known.id == writer.info.guid(); });
-  if (writer.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER || wanted->second.size() == kMostSenders) return;
-  wanted->second.push_back({writer.info.guid(), writer.info.typeName().to_string(),
-                            writer.info.m_qos.m_reliability.kind == fast::RELIABLE_RELIABILITY_QOS,
-                            writer.info.m_qos.m_durability.kind != fast::VOLATILE_DURABILITY_QOS});
+  std::erase_if(wanted->second, [&](const Sender& known) { return known.id == writer.id; });
+  if (writer.is_gone || wanted->second.size() == kMostSenders) return;
+  wanted->second.push_back({writer.id, std::move(writer.type), writer.reliable, writer.latched});
 }
 
 std::vector<Sender> Discovery::sendersOf(const std::string& topic) {

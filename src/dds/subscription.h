@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <functional>
@@ -15,13 +14,14 @@
 #include <string_view>
 #include <vector>
 
+#include "dds/fastdds_compat.h"
 #include "dds/participant.h"
 
 namespace accessvdb::dds {
 
 /// Somebody who publishes a topic that is wanted.
 struct Sender {
-  eprosima::fastrtps::rtps::GUID_t id;
+  rtps::GUID_t id;
   std::string type;  ///< as DDS has it
   bool reliable = false, latched = false;
 };
@@ -37,42 +37,41 @@ struct WantedTopic {
 };
 
 /// A topic that is subscribed to once it is found.
-class Subscription : public eprosima::fastdds::dds::DataReaderListener {
+class Subscription : public fast::DataReaderListener {
  public:
   explicit Subscription(WantedTopic topic) : wanted(std::move(topic)) { state_.topic = wanted.topic; }
 
-  void on_data_available(eprosima::fastdds::dds::DataReader* from) override;
-  void on_subscription_matched(eprosima::fastdds::dds::DataReader*,
-                               const eprosima::fastdds::dds::SubscriptionMatchedStatus& status) override;
+  void on_data_available(fast::DataReader* from) override;
+  void on_subscription_matched(fast::DataReader*, const fast::SubscriptionMatchedStatus& status) override;
   void setType(const std::string& ros_type);
   [[nodiscard]] TopicState state() const;
 
   const WantedTopic wanted;
   std::string type;  ///< as ROS names it; of the reader
-  eprosima::fastdds::dds::DataReader* reader = nullptr;
+  fast::DataReader* reader = nullptr;
   Sender heard;             ///< the one that the reader was made for
   bool said_type = false;   ///< that somebody sends a type that is not read
   bool said_other = false;  ///< that somebody sends in another way than the one who is heard
 
  private:
-  void countLost(const eprosima::fastrtps::rtps::SampleIdentity& message);
+  void countLost(const rtps::SampleIdentity& message);
 
   std::string message_;  ///< one thread of the middleware at a time calls a reader's listener
   mutable std::mutex lock_;
   TopicState state_;
-  std::map<eprosima::fastrtps::rtps::GUID_t, std::uint64_t> last_of_;  ///< message of each sender
+  std::map<rtps::GUID_t, std::uint64_t> last_of_;  ///< message of each sender
 };
 
 /// Remembers who publishes what is wanted, as long as they do.
-class Discovery : public eprosima::fastdds::dds::DomainParticipantListener {
+class Discovery : public WriterListener {
  public:
   void want(const std::string& topic);
-  void on_publisher_discovery(eprosima::fastdds::dds::DomainParticipant*,
-                              eprosima::fastrtps::rtps::WriterDiscoveryInfo&& writer) override;
   /// In the order in which they were found.
   [[nodiscard]] std::vector<Sender> sendersOf(const std::string& topic);
 
  private:
+  void onWriter(AnnouncedWriter writer) override;
+
   std::mutex lock_;
   std::map<std::string, std::vector<Sender>> found_;  ///< by DDS topics, of which there are a few
 };

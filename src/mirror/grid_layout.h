@@ -16,7 +16,7 @@ namespace accessvdb::internal {
 /// Bytes of a leaf before its value mask.
 inline constexpr std::uint32_t kHeadBytes = 16;
 
-/// The grid layout that patches rely on. A NanoVDB version that changes it must not compile.
+/// The grid layout that patches rely on. A NanoVDB version that changes it must not compile, and says what changed.
 template <class Build>
 struct GridLayout {
   using GridData = typename nanovdb::NanoGrid<Build>::DataType;
@@ -30,15 +30,19 @@ struct GridLayout {
   static constexpr std::uint64_t kRoot = kTree + sizeof(TreeData);
   static constexpr std::uint64_t kTiles = kRoot + sizeof(RootData);
 
-  static_assert(kTiles % NANOVDB_DATA_ALIGNMENT == 0);
-  static_assert(sizeof(UpperData) == 270400 && sizeof(LowerData) == 33856);
-  static_assert(sizeof(typename UpperData::Tile) == 8 && sizeof(typename RootData::Tile) == 32);
+  static_assert(kTiles % NANOVDB_DATA_ALIGNMENT == 0, "NanoVDB: grid, tree and root are no longer aligned");
+  static_assert(sizeof(UpperData) == 270400, "NanoVDB: another size of upper nodes");
+  static_assert(sizeof(LowerData) == 33856, "NanoVDB: another size of lower nodes");
+  static_assert(sizeof(typename UpperData::Tile) == 8, "NanoVDB: another size of an upper node's tiles");
+  static_assert(sizeof(typename RootData::Tile) == 32, "NanoVDB: another size of the root's tiles");
   static_assert(sizeof(UpperData) % kernels::LeafPatch::kUnit == 0 &&
-                sizeof(LowerData) % kernels::LeafPatch::kUnit == 0 &&
-                sizeof(LeafData) % kernels::LeafPatch::kUnit == 0 &&
-                sizeof(typename RootData::Tile) % kernels::LeafPatch::kUnit == 0);
-  static_assert(offsetof(LeafData, mBBoxMin) == 0 && offsetof(LeafData, mValueMask) == kHeadBytes);
-  static_assert(std::is_same_v<typename RootData::KeyT, std::uint64_t>);
+                    sizeof(LowerData) % kernels::LeafPatch::kUnit == 0 &&
+                    sizeof(LeafData) % kernels::LeafPatch::kUnit == 0 &&
+                    sizeof(typename RootData::Tile) % kernels::LeafPatch::kUnit == 0,
+                "NanoVDB: nodes are no longer whole units of a patch");
+  static_assert(offsetof(LeafData, mBBoxMin) == 0, "NanoVDB: a leaf no longer begins with its origin");
+  static_assert(offsetof(LeafData, mValueMask) == kHeadBytes, "NanoVDB: a leaf's value mask is elsewhere");
+  static_assert(std::is_same_v<typename RootData::KeyT, std::uint64_t>, "NanoVDB: another key of the root's tiles");
 
   struct Head {
     alignas(NANOVDB_DATA_ALIGNMENT) std::byte bytes[kTiles] = {};
@@ -50,8 +54,8 @@ struct GridLayout {
     // NanoVDB's node data have no constructors: they are bytes reinterpreted.
     Head head;
     auto* grid = reinterpret_cast<GridData*>(head.bytes);
-    grid->mMagic = NANOVDB_MAGIC_NUMBER;
-    std::memset(&grid->mChecksum, 0xFF, sizeof(grid->mChecksum));  // disabled: it would change with each patch
+    grid->mMagic = kernels::kGridMagic;
+    std::memset(static_cast<void*>(&grid->mChecksum), 0xFF, sizeof(grid->mChecksum));  // disabled: it would change with each patch
     grid->mVersion = nanovdb::Version();
     grid->mFlags = 0;  // not breadth first, no boxes, no extrema: only the voxels are kept up to date
     grid->mGridIndex = 0;
@@ -59,8 +63,8 @@ struct GridLayout {
     grid->mGridSize = grid_bytes;
     std::memcpy(grid->mGridName, name, std::strlen(name) + 1);
     grid->mMap.set(voxel_size_m, nanovdb::Vec3d(0.0), 1.0);
-    grid->mWorldBBox = nanovdb::BBox<nanovdb::Vec3R>();
-    grid->mVoxelSize = nanovdb::Vec3R(voxel_size_m);
+    grid->mWorldBBox = {};
+    grid->mVoxelSize = nanovdb::Vec3d(voxel_size_m);
     grid->mGridClass = nanovdb::GridClass::Unknown;
     grid->mGridType = type;
     reinterpret_cast<TreeData*>(head.bytes + kTree)->mNodeOffset[3] = sizeof(TreeData);
@@ -70,6 +74,7 @@ struct GridLayout {
     return head;
   }
 };
-static_assert(sizeof(GridLayout<bool>::LeafData) == 160 && sizeof(GridLayout<float>::LeafData) == 2144);
+static_assert(sizeof(GridLayout<bool>::LeafData) == 160, "NanoVDB: another size of leaves of bool");
+static_assert(sizeof(GridLayout<float>::LeafData) == 2144, "NanoVDB: another size of leaves of float");
 
 }  // namespace accessvdb::internal

@@ -28,6 +28,22 @@ configure() {  # configure CODE TEXT ARGUMENT...
   fi
 }
 
+# OpenVDB and NanoVDB of releases that nobody has tried: one line, before anything is compiled.
+release() {  # release VERSION MAJOR MINOR: a folder with a Find module of that OpenVDB and a header of that NanoVDB
+  mkdir -p "$work/$1/lib/cmake/OpenVDB" "$work/$1/include/nanovdb"
+  printf 'set(OpenVDB_FOUND TRUE)\nset(OpenVDB_VERSION %s)\n' "$1" >"$work/$1/lib/cmake/OpenVDB/FindOpenVDB.cmake"
+  printf '#define NANOVDB_%s_VERSION_NUMBER %s // of the file\n' MAJOR "$2" MINOR "$3" PATCH 0 >"$work/$1/include/nanovdb/NanoVDB.h"
+}
+for openvdb in 9.1.0 14.0.0; do
+  release $openvdb 32 9
+  configure 1 "AccessVDB needs OpenVDB 10 to 13; this is $openvdb. Name another one: -DCMAKE_PREFIX_PATH=PREFIX" \
+    -DCMAKE_PREFIX_PATH="$work/$openvdb" -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+done
+for nanovdb in 32.3 33.0; do
+  release 10.0.$nanovdb "${nanovdb%.*}" "${nanovdb#*.}"
+  configure 1 "AccessVDB needs NanoVDB 32.4 or a later 32.x, which come with OpenVDB 10 to 13; $work/10.0.$nanovdb/include/nanovdb is $nanovdb" \
+    -DCMAKE_PREFIX_PATH="$work/10.0.$nanovdb" -DACCESSVDB_NANOVDB_INCLUDE_DIR="$work/10.0.$nanovdb/include" -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+done
 configure 1 "ACCESSVDB_PCL is 'MAYBE'. Use AUTO (if PCL is found), ON or OFF." -DACCESSVDB_PCL=MAYBE -DACCESSVDB_CUDA=OFF
 configure 1 "ACCESSVDB_PCL is ON, but PCL (common, io, filters) was not found. On Debian and Ubuntu: apt install libpcl-dev" \
   -DACCESSVDB_PCL=ON -DCMAKE_DISABLE_FIND_PACKAGE_PCL=ON -DACCESSVDB_CUDA=OFF
@@ -38,8 +54,8 @@ configure 0 "no lab (accessvdb-lab): Qhull was not found. On Debian and Ubuntu: 
   -DCMAKE_DISABLE_FIND_PACKAGE_Qhull=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "The tests need the lab." -DACCESSVDB_BUILD_TESTS=ON -DACCESSVDB_LAB=OFF -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_DDS is 'MAYBE'. Use AUTO (if Fast DDS is found), ON or OFF." -DACCESSVDB_DDS=MAYBE -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
-configure 1 "ACCESSVDB_DDS is ON, but Fast DDS 2.6 or later was not found. On Debian and Ubuntu: apt install libfastrtps-dev" \
-  -DACCESSVDB_DDS=ON -DCMAKE_DISABLE_FIND_PACKAGE_fastrtps=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
+configure 1 "ACCESSVDB_DDS is ON, but Fast DDS 2.6 to 3 was not found. On Debian and Ubuntu: apt install libfastrtps-dev" \
+  -DACCESSVDB_DDS=ON -DCMAKE_DISABLE_FIND_PACKAGE_fastrtps=ON -DCMAKE_DISABLE_FIND_PACKAGE_fastdds=ON -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_GDAL is ON, but gdal.h was not found. On Debian and Ubuntu: apt install libgdal-dev" \
   -DACCESSVDB_GDAL=ON -DCMAKE_IGNORE_PATH=/usr/include/gdal -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF
 configure 1 "ACCESSVDB_OMPL is 'MAYBE'. Use AUTO (if OMPL is found), ON or OFF." -DACCESSVDB_OMPL=MAYBE -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF

@@ -31,4 +31,9 @@ refuse both_kinds "CONFIG REQUIRED COMPONENTS static shared" "static and shared,
 refuse newer_version "9.0 CONFIG REQUIRED" "version: $VERSION"
 refuse next_minor "0.0 CONFIG REQUIRED" "version: $VERSION"
 refuse missing_dependency "CONFIG REQUIRED COMPONENTS static" "apt install libassimp-dev" -DCMAKE_DISABLE_FIND_PACKAGE_assimp=ON
+# Another OpenVDB than the one that it was built with.
+mkdir -p "$folder/other/lib/cmake/OpenVDB"
+printf 'set(OpenVDB_FOUND TRUE)\nset(OpenVDB_VERSION 12.1.0)\n' >"$folder/other/lib/cmake/OpenVDB/FindOpenVDB.cmake"
+refuse other_openvdb "CONFIG REQUIRED" "and found OpenVDB 12.1.0. Name the former in CMAKE_PREFIX_PATH" \
+  "-DCMAKE_PREFIX_PATH=$WORK/moved;$folder/other"
 exit $bad

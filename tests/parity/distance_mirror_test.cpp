@@ -3,8 +3,6 @@
 // The mirror of distances against an OpenVDB grid changed voxel by voxel, and against NanoVDB's own conversion of it;
 // and its guarantees to an arena.
 #include <gtest/gtest.h>
-#include <nanovdb/util/GridValidator.h>
-#include <nanovdb/util/OpenToNanoVDB.h>
 
 #include <cstring>
 #include <map>
@@ -14,6 +12,7 @@
 #include "cpu/host_arena.h"
 #include "mirror/nanovdb_mirror.h"
 #include "parity/distance_checks.h"
+#include "parity/nanovdb_tools.h"
 #include "parity/staged_arena.h"
 
 namespace accessvdb::testing {
@@ -26,7 +25,7 @@ using kernels::HostArena;
 constexpr auto kTiles = DistanceMirror::kDefaultRootCapacity;
 
 ::testing::AssertionResult answersLike(DistanceWorld& world, const DistanceGrid& mirror) {
-  const auto converted_handle = nanovdb::openToNanoVDB(world.grid());
+  const auto converted_handle = convertedByNanoVdb(world.grid());
   const auto* converted = converted_handle.grid<float>();
   if (converted == nullptr) return ::testing::AssertionFailure() << "NanoVDB could not convert the oracle";
   auto mirror_voxels = mirror.getAccessor();
@@ -49,7 +48,7 @@ constexpr auto kTiles = DistanceMirror::kDefaultRootCapacity;
     return ::testing::AssertionFailure() << "the mirror has " << census.active_voxels << " active voxels, not "
                                          << active_voxels;
   }
-  const std::string error = nanovdb::GridValidator<float>::check(mirror, true);
+  const std::string error = problemByNanoVdb(mirror);
   if (!error.empty()) return ::testing::AssertionFailure() << error;
   return ::testing::AssertionSuccess();
 }
@@ -76,7 +75,7 @@ TEST_P(DistancesEqualOpenVdb, AnEmptyMirrorIsAllBackground) {
   EXPECT_TRUE(answersLike(world, *mirror->grid()));
   EXPECT_EQ(mirror->grid()->gridType(), nanovdb::GridType::Float);
   EXPECT_STREQ(mirror->grid()->gridName(), "distance");
-  EXPECT_EQ(mirror->grid()->voxelSize(), nanovdb::Vec3R(0.01));
+  EXPECT_EQ(mirror->grid()->voxelSize(), nanovdb::Vec3d(0.01));
   EXPECT_EQ(mirror->grid()->tree().background(), DistanceWorld::kBackground_m);
   EXPECT_EQ(mirror->grid()->tree().getValue(nanovdb::Coord(1, -2, 3)), DistanceWorld::kBackground_m);
   mirror->apply({});

@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The mirror against an OpenVDB grid changed voxel by voxel, and against NanoVDB's own conversion of it.
 #include <gtest/gtest.h>
-#include <nanovdb/util/GridValidator.h>
-#include <nanovdb/util/OpenToNanoVDB.h>
 #include <algorithm>
 #include <map>
 #include <set>
@@ -12,6 +10,7 @@
 #include "cpu/host_arena.h"
 #include "mirror/nanovdb_mirror.h"
 #include "parity/mirror_checks.h"
+#include "parity/nanovdb_tools.h"
 #include "parity/staged_arena.h"
 #include "vdb/standard_grids.h"
 
@@ -51,7 +50,7 @@ class Oracle {
 
   /// Every voxel of every leaf of the oracle, then random voxels, most of them background.
   [[nodiscard]] ::testing::AssertionResult answersLike(const OccupancyGrid& mirror, ChangeMaker& maker) const {
-    const auto converted_handle = nanovdb::openToNanoVDB(*grid_);
+    const auto converted_handle = convertedByNanoVdb(*grid_);
     const auto* converted = converted_handle.grid<bool>();
     if (converted == nullptr) return ::testing::AssertionFailure() << "NanoVDB could not convert the oracle";
     auto oracle_voxels = grid_->getConstAccessor();
@@ -85,7 +84,7 @@ class Oracle {
     if (census.true_voxels != true_voxels || census.active_voxels != active_voxels) {
       return ::testing::AssertionFailure() << "the mirror holds bits that the oracle does not";
     }
-    const std::string error = nanovdb::GridValidator<bool>::check(mirror, true);
+    const std::string error = problemByNanoVdb(mirror);
     if (!error.empty()) return ::testing::AssertionFailure() << error;
     return ::testing::AssertionSuccess();
   }
@@ -112,7 +111,7 @@ TEST_P(MirrorEqualsOpenVdb, AnEmptyMirrorIsAllBackground) {
   NanoVdbMirror mirror(makeArena(), 0.01);
   EXPECT_TRUE(oracle.answersLike(*mirror.grid(), maker));
   EXPECT_EQ(mirror.grid()->gridType(), nanovdb::GridType::Boolean);
-  EXPECT_EQ(mirror.grid()->voxelSize(), nanovdb::Vec3R(0.01));
+  EXPECT_EQ(mirror.grid()->voxelSize(), nanovdb::Vec3d(0.01));
   EXPECT_NEAR(mirror.grid()->indexToWorld(nanovdb::Vec3d(3, -4, 5))[1], -0.04, 1e-15);
   mirror.apply({});
   EXPECT_EQ(mirror.lastTraffic().bytes_written, 0u);
