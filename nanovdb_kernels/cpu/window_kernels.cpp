@@ -5,11 +5,16 @@
 #include "hostdev/occupancy_query.h"
 
 // No standard library code inside the regions: an inline function compiled there could end up being used everywhere.
+#define ACCESSVDB_X86_WINDOWS 0
+#define ACCESSVDB_NEON_WINDOWS 0
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#undef ACCESSVDB_X86_WINDOWS
 #define ACCESSVDB_X86_WINDOWS 1
 #include <immintrin.h>
-#else
-#define ACCESSVDB_X86_WINDOWS 0
+#elif defined(__aarch64__) && defined(__ARM_NEON) && !defined(__AARCH64EB__)
+#undef ACCESSVDB_NEON_WINDOWS
+#define ACCESSVDB_NEON_WINDOWS 1  // every such processor has it
+#include <arm_neon.h>
 #endif
 
 #if ACCESSVDB_X86_WINDOWS
@@ -180,6 +185,104 @@ SampleBits lookUp(const SampleWindow& window, const FlatSamples& samples) {
 #pragma GCC pop_options
 #endif
 
+#if ACCESSVDB_NEON_WINDOWS
+namespace accessvdb::kernels::window_neon {
+
+/// Set bits of each word.
+inline uint64x2_t bitsOfWords(uint64x2_t words) {
+  return vpaddlq_u32(vpaddlq_u16(vpaddlq_u8(vcntq_u8(vreinterpretq_u8_u64(words)))));
+}
+
+template <bool kTwo>
+inline int countRuns(const WindowRun* run, const WindowRun* end, const std::uint64_t* tool, const std::uint64_t* map,
+                     const std::uint64_t* above, unsigned shift, int stop_above) {
+  const int64x2_t down = vdupq_n_s64(-static_cast<std::int64_t>(shift)), up = vdupq_n_s64(63 - shift);
+  const auto meet = [&](uint64x2_t low, uint64x2_t high, uint64x2_t own) {
+    uint64x2_t bits = vshlq_u64(low, down);
+    if constexpr (kTwo) bits = vorrq_u64(bits, vshlq_u64(vshlq_n_u64(high, 1), up));
+    return vandq_u64(bits, own);
+  };
+  uint64x2_t sum = vdupq_n_u64(0);
+  for (int runs = 1; run != end; ++run, ++runs) {
+    const std::uint64_t *own = tool + run->first, *low = map + run->offset;
+    const std::uint64_t* high = kTwo ? above + run->offset : low;
+    std::uint32_t n = 0;
+    for (; n + 2 <= run->count; n += 2) {
+      sum = vaddq_u64(sum, bitsOfWords(meet(vld1q_u64(low + n), vld1q_u64(high + n), vld1q_u64(own + n))));
+    }
+    if (n < run->count) {
+      const auto load = [n](const std::uint64_t* words) { return vsetq_lane_u64(words[n], vdupq_n_u64(0), 0); };
+      sum = vaddq_u64(sum, bitsOfWords(meet(load(low), load(high), load(own))));
+    }
+    if (runs % 4 == 0) {
+      const int count = static_cast<int>(vaddvq_u64(sum));
+      if (count > stop_above) return count;
+    }
+  }
+  return static_cast<int>(vaddvq_u64(sum));
+}
+
+int count(const WindowRun* run, const WindowRun* end, const std::uint64_t* tool, const std::uint64_t* map,
+          unsigned shift, int stop_above) {
+  return countRuns<false>(run, end, tool, map, nullptr, shift, stop_above);
+}
+int countTwo(const WindowRun* run, const WindowRun* end, const std::uint64_t* tool, const std::uint64_t* map,
+             const std::uint64_t* above, unsigned shift, int stop_above) {
+  return countRuns<true>(run, end, tool, map, above, shift, stop_above);
+}
+
+/// Eight leaves of eight rows: their bytes are a matrix, and the columns the matrix turned.
+void stack(const std::uint64_t* const* leaves, int count, std::uint64_t* columns, std::size_t stride) {
+  for (std::size_t x = 0; x < 8; ++x) {
+    uint8x8_t rows[8];
+    for (int n = 0; n < 8; ++n) rows[n] = vcreate_u8(n < count && leaves[n] != nullptr ? leaves[n][x] : 0);
+    const auto pairs = [](uint16x4x2_t of) {
+      return uint32x2x2_t{{vreinterpret_u32_u16(of.val[0]), vreinterpret_u32_u16(of.val[1])}};
+    };
+    uint16x4x2_t bytes[4];  // of rows 2n and 2n + 1: even columns, odd columns
+    for (int n = 0; n < 4; ++n) {
+      const uint8x8x2_t turned = vtrn_u8(rows[2 * n], rows[2 * n + 1]);
+      bytes[n] = {{vreinterpret_u16_u8(turned.val[0]), vreinterpret_u16_u8(turned.val[1])}};
+    }
+    for (int odd = 0; odd < 2; ++odd) {
+      const uint32x2x2_t low = pairs(vtrn_u16(bytes[0].val[odd], bytes[1].val[odd]));
+      const uint32x2x2_t high = pairs(vtrn_u16(bytes[2].val[odd], bytes[3].val[odd]));
+      for (int two = 0; two < 2; ++two) {
+        const uint32x2x2_t whole = vtrn_u32(low.val[two], high.val[two]);
+        for (int four = 0; four < 2; ++four) {
+          const auto y = static_cast<std::size_t>(4 * four + 2 * two + odd);
+          columns[x * stride + y] = vget_lane_u64(vreinterpret_u64_u32(whole.val[four]), 0);
+        }
+      }
+    }
+  }
+}
+
+SampleBits lookUp(const SampleWindow& window, const FlatSamples& samples) {
+  const float32x4_t inverse = vdupq_n_f32(window.inverse_voxel_size), half = vdupq_n_f32(0.5f);
+  const auto voxel = [&](float at_m, const float* offsets, std::int32_t low) {
+    const float32x4_t sum = vaddq_f32(vdupq_n_f32(at_m), vld1q_f32(offsets));
+    const int32x4_t index = vcvtq_s32_f32(vrndmq_f32(vaddq_f32(vmulq_f32(sum, inverse), half)));
+    return vreinterpretq_u32_s32(vsubq_s32(index, vdupq_n_s32(low)));
+  };
+  const uint32x4_t x = voxel(window.x_m, samples.x, window.low_x), y = voxel(window.y_m, samples.y, window.low_y);
+  const uint32x4_t inside =
+      vandq_u32(vcltq_u32(x, vdupq_n_u32(window.size_x)), vcltq_u32(y, vdupq_n_u32(window.size_y)));
+  const uint32x4_t column = vaddq_u32(vmulq_u32(x, vdupq_n_u32(window.stride)), y);
+  std::uint32_t columns[FlatSamples::kLanes], is_inside[FlatSamples::kLanes];
+  vst1q_u32(columns, vandq_u32(column, inside));
+  vst1q_u32(is_inside, inside);
+  SampleBits bits = {0, 0};
+  for (unsigned n = 0; n < FlatSamples::kLanes; ++n) {
+    bits.inside |= (is_inside[n] & 1u) << n;
+    bits.set |= static_cast<unsigned>(window.words[columns[n]] >> window.bit & 1u) << n;
+  }
+  return bits;
+}
+
+}  // namespace accessvdb::kernels::window_neon
+#endif
+
 namespace accessvdb::kernels {
 namespace {
 
@@ -247,6 +350,9 @@ constexpr WindowKernels kAvx512 = {"avx512", window_avx512::count, window_avx512
                                    window_avx2::lookUp};
 constexpr WindowKernels kAvx2 = {"avx2", window_avx2::count, window_avx2::countTwo, window_avx2::stack,
                                  window_avx2::lookUp};
+#elif ACCESSVDB_NEON_WINDOWS
+constexpr WindowKernels kNeon = {"neon", window_neon::count, window_neon::countTwo, window_neon::stack,
+                                 window_neon::lookUp};
 #endif
 
 }  // namespace
@@ -260,8 +366,12 @@ WindowKernelList runnableWindowKernels() {
                       __builtin_cpu_supports("avx512vpopcntdq");
   if (avx512) return {{&kAvx512, &kAvx2, &kPlain}, 3};
   if (avx2) return {{&kAvx2, &kPlain, nullptr}, 2};
-#endif
   return {{&kPlain, nullptr, nullptr}, 1};
+#elif ACCESSVDB_NEON_WINDOWS
+  return {{&kNeon, &kPlain, nullptr}, 2};
+#else
+  return {{&kPlain, nullptr, nullptr}, 1};
+#endif
 }
 
 const WindowKernels& windowKernels() {

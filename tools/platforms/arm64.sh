@@ -18,6 +18,8 @@ for need in "aarch64-linux-gnu-g++ g++-aarch64-linux-gnu" "qemu-aarch64-static q
   "cmake cmake" "ninja ninja-build"; do
   command -v "${need% *}" >/dev/null || fail "'${need% *}' is missing. On Debian and Ubuntu: apt install ${need#* }"
 done
+[[ -x $native/accessvdb && -x $native/make_sample_scans ]] ||
+  fail "no programs of this machine to compare with in $native. Build them: ./tools/demo.sh"
 sysroot=$folder/sysroot build=$folder/build
 mkdir -p "$folder"
 
@@ -64,8 +66,6 @@ demo() {  # demo FOLDER PREFIX... : the commands of tools/demo.sh
   "$@/accessvdb" map --scans "$out/scans" --poses "$out/scans/poses.txt" --tool builtin:pruner --voxel 0.05 \
     --out "$out/field" >"$out/said" 2>&1 || fail "the demo failed: $(tail -n 1 "$out/said")"
 }
-[[ -x $native/accessvdb && -x $native/make_sample_scans ]] ||
-  fail "no programs of this machine to compare with in $native. Build them: ./tools/demo.sh"
 demo "$folder/demo_x86_64" "$native"
 demo "$folder/demo_arm64" qemu-aarch64-static -L "$sysroot" "$build/bin"
 differ=0
