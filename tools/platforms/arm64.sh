@@ -5,7 +5,8 @@
 # those of an x86-64 build, byte by byte. Needs g++-aarch64-linux-gnu, qemu-user-static and mmdebstrap; no root, and no
 # foreign packages on this machine.
 #   arm64.sh FOLDER [X86_64_BIN] [MIRROR]     X86_64_BIN: folder of programs of the same commit; build/release/bin unless given
-# FOLDER/sysroot has Debian 12's packages for arm64, FOLDER/build the programs; what is there is used again.
+# FOLDER/sysroot has Debian 12's packages for arm64, FOLDER/build the programs, FOLDER/packages the tarball and the Debian
+# packages; what is there is used again.
 set -euo pipefail
 fail() {
   echo "arm64: error: $*" >&2
@@ -26,7 +27,7 @@ mkdir -p "$folder"
 # Unpacked and not configured, so that nothing of it runs here.
 if [[ ! -e $sysroot/.ready ]]; then
   rm -rf "$sysroot"
-  packages=$("$source/tools/setup_debian.sh" --list --pcl --live --gis --lab --planning |
+  packages=$("$source/tools/setup_debian.sh" --list --live --gis --lab |
     grep -vxE 'g\+\+|cmake|ninja-build|pkg-config' | paste -sd,)
   mode=unshare
   ((EUID != 0)) || mode=root
@@ -49,9 +50,10 @@ launcher=$(command -v ccache || true)
 export CCACHE_BASEDIR=$source
 cmake -S "$source" -B "$build" -G Ninja --toolchain "$source/cmake/toolchains/aarch64-linux-gnu.cmake" \
   -DACCESSVDB_SYSROOT="$sysroot" -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER_LAUNCHER="$launcher" \
-  -DACCESSVDB_CUDA=OFF -DACCESSVDB_PYTHON=OFF -DACCESSVDB_BUILD_BENCHMARKS=OFF -DACCESSVDB_BUILD_TESTS=ON \
+  -DACCESSVDB_CUDA=OFF -DACCESSVDB_PYTHON=OFF -DACCESSVDB_PCL=OFF -DACCESSVDB_OMPL=OFF -DACCESSVDB_OCTOMAP=OFF \
+  -DACCESSVDB_LAB=ON -DACCESSVDB_DDS=ON -DACCESSVDB_BUILD_BENCHMARKS=OFF -DACCESSVDB_BUILD_TESTS=ON \
   -DACCESSVDB_TEST_OPTIONS=-O1 >"$folder/configure.log" 2>&1 || fail "CMake: $(grep -m1 -A2 'CMake Error' "$folder/configure.log" | tr '\n' ' ')"
-ninja -C "$build" accessvdb_cli make_sample_scans tests/unit/all tests/parity/all tests/platforms/all
+ninja -C "$build" accessvdb accessvdb_shared accessvdb_cli accessvdb_lab make_sample_scans tests/unit/all tests/parity/all tests/platforms/all
 
 # Programs that start others find no interpreter for them here, so that the tests are those of the library.
 results=0
@@ -69,8 +71,7 @@ demo() {  # demo FOLDER PREFIX... : the commands of tools/demo.sh
 demo "$folder/demo_x86_64" "$native"
 demo "$folder/demo_arm64" qemu-aarch64-static -L "$sysroot" "$build/bin"
 differ=0
-for file in scans/scan_000000.ply field/points.ply field/points.csv field/field.vdb; do
-  [[ -e $folder/demo_x86_64/$file ]] || continue
+for file in scans/poses.txt field/points.ply field/field.vdb field/field_points.vdb; do
   if cmp -s "$folder/demo_x86_64/$file" "$folder/demo_arm64/$file"; then
     echo "arm64: $file has the same bytes as on x86-64"
   else
@@ -78,5 +79,6 @@ for file in scans/scan_000000.ply field/points.ply field/points.csv field/field.
     differ=1
   fi
 done
+"$source/tools/make_packages.sh" "$folder/packages" --build "$build" --sysroot "$sysroot"
 ((results == 0)) || fail "tests failed, see above"
 ((differ == 0)) || fail "the demo's files differ"
