@@ -144,8 +144,9 @@ class ProbabilityScan {
  private:
   void makeField(const ToolGeometry& tool) {
     const double v = run_.voxel_m;
-    field_ = with_margins_ ? std::make_unique<AccessibilityField>(withMargins({{tool}}, {v, 3 * v}), params_)
-                           : std::make_unique<AccessibilityField>(tool, params_);
+    std::vector<ToolSpec> tools = {{tool}};
+    if (with_margins_) tools = withMargins(std::move(tools), {v, 3 * v});
+    field_ = std::make_unique<AccessibilityField>(tools, params_);
     context_.device = field_->deviceName();
   }
   void fly(const sim::Scene& scene, const sim::Helix& path, const ToolGeometry& tool) {
