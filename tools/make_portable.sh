@@ -3,38 +3,64 @@
 # SPDX-License-Identifier: Apache-2.0
 # Packs programs and all shared libraries that they need, except the C library and the GPU's driver, into one archive
 # that runs on another Linux machine with the same type of processor, without root and without installing anything.
-#   make_portable.sh [--name FOLDER] [--limit MB] [--headers-of BUILD] ARCHIVE.tar.xz FOLDER_OF_SCRIPTS|- PROGRAM...
-# In the archive: FOLDER/bin/PROGRAM and FOLDER/run PROGRAM [arguments], programs/, libraries/, scripts/, README, and
-# licences/: the texts for each library in it and, with --headers-of, for the headers that this Ninja build compiled in.
-# XZ_LEVEL: 6 unless set. Nothing is written if the archive would be larger than --limit.
+#   make_portable.sh [--name FOLDER] [--limit MB] [--glibc VERSION] [--sysroot DIR] [--headers-of BUILD]
+#                    ARCHIVE.tar.xz FOLDER_OF_SCRIPTS|- PROGRAM...
+# In the archive: FOLDER/bin/PROGRAM and FOLDER/run PROGRAM [arguments], programs/, libraries/, runtime/, scripts/,
+# README, and licences/: the texts for each library in it and, with --headers-of, for the headers that this Ninja build
+# compiled in. XZ_LEVEL: 6 unless set. Nothing is written if the archive would be larger than --limit, or if anything in
+# programs/ or libraries/ needs a newer C library than --glibc (2.35 unless given). --sysroot: the root that programs for
+# another processor were linked against, with their libraries and the licence texts in usr/share/doc.
 set -euo pipefail
 fail() {
   echo "make_portable: error: $*" >&2
   exit 1
 }
-usage="usage: make_portable.sh [--name FOLDER] [--limit MB] [--headers-of BUILD] ARCHIVE.tar.xz FOLDER_OF_SCRIPTS|- PROGRAM..."
-name=accessvdb-portable limit=64 headers_of=
+usage="usage: make_portable.sh [--name FOLDER] [--limit MB] [--glibc VERSION] [--sysroot DIR] [--headers-of BUILD] ARCHIVE.tar.xz FOLDER_OF_SCRIPTS|- PROGRAM..."
+name=accessvdb-portable limit=64 glibc_limit=2.35 sysroot='' headers_of=
 while [[ ${1:-} == --* ]]; do
   case $1 in
     --name) name=${2:?$usage} ;;
     --limit) limit=${2:?$usage} ;;
+    --glibc) glibc_limit=${2:?$usage} ;;
+    --sysroot) sysroot=$(realpath -e "${2:?$usage}") || fail "no folder $2" ;;
     --headers-of) headers_of=${2:?$usage} ;;
     *) fail "unknown option $1. $usage" ;;
   esac
   shift 2
 done
 (($# > 2)) || { echo "make_portable: error: no programs given. $usage" >&2; exit 2; }
+[[ $glibc_limit =~ ^[0-9]+\.[0-9]+$ ]] || fail "--glibc needs a version such as 2.35"
 archive=$1 scripts=$2
 shift 2
 source=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
+# Programs for another processor cannot be asked for their libraries by running them, as ldd does.
+machine_of() {  # machine_of FILE: as uname -m names it
+  case $(LC_ALL=C readelf -h "$1" 2>/dev/null | sed -n 's/^ *Machine: *//p') in
+    *X86-64) echo x86_64 ;;
+    AArch64) echo aarch64 ;;
+    RISC-V) echo riscv64 ;;
+    *) return 1 ;;
+  esac
+}
+host_triplet=$(uname -m)-linux-gnu
+machine=$(machine_of "$1") || fail "$1 is no program for a processor that is known here"
+triplet=$machine-linux-gnu
+strip=strip
+if [[ $triplet != "$host_triplet" ]]; then
+  [[ -n $sysroot ]] || fail "$1 is for $machine: say with --sysroot where its libraries are"
+  strip=$triplet-strip
+  command -v "$strip" >/dev/null || fail "'$strip' is missing: apt install binutils-${triplet//_/-}"
+fi
+
 stage=$(mktemp -d)
 trap 'rm -rf "$stage" "$archive.tmp"' EXIT
 root=$stage/$name
-mkdir -p "$root/bin" "$root/programs" "$root/libraries" "$root/licences"
+mkdir -p "$root/bin" "$root/programs" "$root/libraries" "$root/runtime" "$root/licences"
 for program in "$@"; do
   [[ -x $program ]] || fail "no program $program"
-  strip -o "$root/programs/$(basename "$program")" "$program"
+  [[ $(machine_of "$program" || true) == "$machine" ]] || fail "$program is not for $machine, as $1 is"
+  "$strip" -o "$root/programs/$(basename "$program")" "$program"
   ln -s ../run "$root/bin/$(basename "$program")"
 done
 if [[ $scripts != - ]]; then
@@ -42,32 +68,118 @@ if [[ $scripts != - ]]; then
   cp "$scripts/gpu_suite.sh" "$root/scripts/"
 fi
 
+inside() {  # inside FILE: FILE with its links followed in the sysroot, where they may begin with /
+  local file=$1 target hops=0
+  while [[ -L $file ]] && ((++hops < 40)); do
+    target=$(readlink "$file")
+    case $target in
+      "$sysroot"/*) file=$target ;;
+      /*) file=$sysroot$target ;;
+      *) file=$(dirname "$file")/$target ;;
+    esac
+  done
+  realpath -e "$file"
+}
+walked_libraries() {  # walked_libraries PROGRAM...: paths in the sysroot, in the loader's order, without running anything
+  local queue=("$@") seen=" " file needed folder found
+  local folders=("$sysroot/usr/lib/$triplet" "$sysroot/lib/$triplet" "$sysroot/usr/lib64" "$sysroot/lib64" "$sysroot/usr/lib" "$sysroot/lib")
+  while read -r folder; do folders+=("$sysroot$folder"); done < <(cat "$sysroot"/etc/ld.so.conf.d/*.conf 2>/dev/null | grep '^/')
+  while ((${#queue[@]} > 0)); do
+    file=${queue[0]}
+    queue=("${queue[@]:1}")
+    while read -r needed; do
+      [[ $seen != *" $needed "* ]] || continue
+      seen+="$needed "
+      [[ ! $needed =~ $of_the_machine ]] || continue
+      found=
+      for folder in "${folders[@]}"; do
+        [[ -e $folder/$needed || -L $folder/$needed ]] || continue
+        found=$folder/$needed
+        break
+      done
+      [[ -n $found ]] && inside "$found" >/dev/null || fail "$needed, which $(basename "$file") needs, is not in $sysroot"
+      echo "$found"
+      queue+=("$(inside "$found")")
+    done < <(LC_ALL=C readelf -d "$file" | sed -n 's/.*(NEEDED).*\[\(.*\)\]$/\1/p')
+  done
+}
+
 # The C library and the loader come from the machine that runs it; its driver's libraries depend on them.
 of_the_machine='^(ld-linux.*|libc|libm|libdl|librt|libpthread|libresolv|libutil|libanl|libnsl|libcuda|libnvidia.*)\.so'
-missing=$(ldd "$@" | grep 'not found' || true)
-[[ -z $missing ]] || fail "$missing"
+# Every machine has GCC's runtime, most a newer one than ours, which what a program loads there may need (GDAL). Ours is
+# for those whose own is too old.
+of_gcc='^(libstdc\+\+|libgcc_s)\.so'
+if [[ -n $sysroot ]]; then
+  walked_libraries "$@" >"$stage/found" || exit 1
+else
+  missing=$(ldd "$@" | grep 'not found' || true)
+  [[ -z $missing ]] || fail "$missing"
+  ldd "$@" | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' >"$stage/found"
+fi
 shipped=()
 while read -r library; do
   file=$(basename "$library")
   [[ ! $file =~ $of_the_machine ]] || continue
-  cp -L "$library" "$root/libraries/$file"
-  shipped+=("$(readlink -f "$library")")
-done < <(ldd "$@" | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' | LC_ALL=C sort -u)
-strip --strip-unneeded "$root"/libraries/* 2>/dev/null || true
+  real=$(inside "$library")
+  folder=libraries
+  [[ ! $file =~ $of_gcc ]] || folder=runtime
+  cp -L "$real" "$root/$folder/$file"
+  shipped+=("$library")
+done < <(LC_ALL=C sort -u "$stage/found")
+"$strip" --strip-unneeded "$root"/libraries/* "$root"/runtime/* 2>/dev/null || true
+
+# What the archive asks of the machine is read from what is in it.
+needs=$source/tools/platforms/glibc_needed.sh
+highest() { cut -f "$1" | { grep -v '^-$' || echo 0; } | LC_ALL=C sort -V | tail -n 1; }
+(cd "$root" && "$needs" --limit "$glibc_limit" programs/* $(compgen -G 'libraries/*')) >"$stage/needs" || fail "nothing is packed, see above"
+glibc=$(highest 2 <"$stage/needs")
+(cd "$root" && files=$(compgen -G 'runtime/*') && "$needs" $files) >"$stage/needs_runtime" || true
+runtime_glibc=$(highest 2 <"$stage/needs_runtime")
 
 # The licence text of each package, and the common texts that it refers to. Headers of the C library are left out: they
-# describe the machine's own library.
-package_of() {  # package_of FILE: if /lib is a link to /usr/lib, dpkg may know either name
-  local other=/usr$1
-  [[ $1 != /usr/* ]] || other=${1#/usr}
-  { dpkg-query -S "$1" || dpkg-query -S "$other"; } 2>/dev/null | sed -n '/^diversion/d; s/[:,].*//p' | head -n 1
+# describe the machine's own library. A sysroot that was only unpacked does not know its packages: then this machine's
+# list says which package has a file of this name.
+texts=("$sysroot/usr/share/doc") owners=(dpkg-query) owners_triplet=$host_triplet
+if [[ -n $sysroot ]]; then
+  texts+=(/usr/share/doc)  # for the headers of a cross compiler
+  if compgen -G "$sysroot/var/lib/dpkg/info/*.list" >/dev/null; then
+    owners=(dpkg-query "--admindir=$sysroot/var/lib/dpkg") owners_triplet=$triplet
+  fi
+fi
+known_as() {  # known_as FILE: the names that dpkg may know it by: /lib may be a link to /usr/lib, a link that of its target
+  local file=${1#"$sysroot"} real
+  real=$(inside "$1")
+  for file in "${real#"$sysroot"}" "$file"; do
+    file=${file/"/$triplet/"/"/$owners_triplet/"}
+    echo "$file"
+    if [[ $file == /usr/* ]]; then echo "${file#/usr}"; else echo "/usr$file"; fi
+  done
+}
+package_of() {  # package_of FILE
+  local file package
+  while read -r file; do
+    package=$("${owners[@]}" -S "$file" 2>/dev/null | sed -n '/^diversion/d; s/[:,].*//p' | head -n 1 || true)
+    [[ -z $package ]] || { echo "$package"; return; }
+  done < <(known_as "$1")
 }
 text_of() {  # text_of PACKAGE: its own, or that of another package from the same source (Ubuntu's libssl-dev has a dangling link)
-  local other from
-  from=$(dpkg-query -W -f '${source:Package}\n' "$1" | head -n 1)
-  for other in "$1" $(dpkg-query -W -f '${source:Package} ${Package}\n' | awk -v from="$from" '$1 == from { print $2 }'); do
-    [[ ! -s /usr/share/doc/$other/copyright ]] || { echo "/usr/share/doc/$other/copyright"; return; }
+  local other from folder
+  from=$("${owners[@]}" -W -f '${source:Package}\n' "$1" 2>/dev/null | head -n 1 || true)
+  for other in "$1" $("${owners[@]}" -W -f '${source:Package} ${Package}\n' | awk -v from="$from" 'from != "" && $1 == from { print $2 }'); do
+    for folder in "${texts[@]}"; do
+      [[ ! -s $folder/$other/copyright ]] || { echo "$folder/$other/copyright"; return; }
+    done
   done
+}
+header_packages() {  # the packages of the headers that were compiled in, from the sysroot and from this machine
+  local headers file
+  headers=$(ninja -C "$headers_of" -t deps | sed -n "s|^ \\+\\(\\($sysroot\\)\\?/usr/.*\\)|\\1|p" | LC_ALL=C sort -u)
+  [[ -n $headers ]] || fail "$headers_of is not a Ninja build, or nothing is built there"
+  while read -r file; do
+    file=${file#"$sysroot"}
+    echo "${file/"/$triplet/"/"/$owners_triplet/"}"
+  done < <(xargs readlink -f <<<"$headers") | LC_ALL=C sort -u | { xargs "${owners[@]}" -S 2>/dev/null || true; } |
+    sed '/^diversion/d; s/[:,].*//' | { grep -vE '^(libc6-dev|linux-libc-dev)(-[a-z0-9]+-cross)?$' || true; }
 }
 cp "$source/LICENSE" "$root/licences/accessvdb"
 cp "$source/docs/licences.md" "$root/licences/licences.md"
@@ -79,16 +191,11 @@ if command -v dpkg-query >/dev/null; then
         fail "no package owns $library, so its licence is unknown. Use the distribution's package of it."
       echo "$package"
     done
-    if [[ -n $headers_of ]]; then
-      headers=$(ninja -C "$headers_of" -t deps | sed -n 's|^ \+\(/usr/.*\)|\1|p' | LC_ALL=C sort -u)
-      [[ -n $headers ]] || fail "$headers_of is not a Ninja build, or nothing is built there"
-      xargs readlink -f <<<"$headers" | xargs dpkg-query -S 2>/dev/null | sed '/^diversion/d; s/[:,].*//' |
-        grep -vxE 'libc6-dev|linux-libc-dev' || true
-    fi
+    [[ -z $headers_of ]] || header_packages
   } >"$stage/packages"
   while read -r package; do
     text=$(text_of "$package")
-    [[ -n $text ]] || fail "package '$package' has no licence text in /usr/share/doc/$package/copyright. Install it again: apt-get install --reinstall $package"
+    [[ -n $text ]] || fail "package '$package' has no licence text in ${texts[0]}/$package/copyright. Install it again: apt-get install --reinstall $package"
     cp -L "$text" "$root/licences/$package"
   done < <(LC_ALL=C sort -u "$stage/packages")
   for common in $(grep -ohE '/usr/share/common-licenses/[A-Za-z0-9.-]*[A-Za-z0-9]' "$root"/licences/* | LC_ALL=C sort -u); do
@@ -101,10 +208,11 @@ else
 fi
 chmod -R u+rwX,go+rX,go-w "$root"
 
-cat >"$root/run" <<'END'
+sed "s/@GLIBC@/$glibc/; s/@MACHINE@/$machine/" >"$root/run" <<'END'
 #!/bin/sh
 # run PROGRAM [arguments]: a program of this folder with the libraries of this folder. Without a name: accessvdb. Each
 # name in bin/ is a link to this script and runs the program of that name.
+glibc=@GLIBC@ machine=@MACHINE@
 called=$(basename "$0")
 here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd) || exit 70
 program=accessvdb
@@ -114,12 +222,37 @@ elif [ -n "${1:-}" ] && [ -f "$here/programs/$1" ]; then
   program=$1
   shift
 fi
-LD_LIBRARY_PATH=$here/libraries${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH} exec "$here/programs/$program" "$@"
+file=$here/programs/$program
+
+# The loader's own list says, before the program starts, what this machine lacks.
+refuse() {
+  echo "$program: error[$1]" "$2" >&2
+  exit 5
+}
+advice="Use a newer distribution or an image of one, or compile AccessVDB on this machine."
+list() {  # list FOLDERS
+  LD_TRACE_LOADED_OBJECTS=1 LD_LIBRARY_PATH=$1${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH} "$file" 2>&1
+}
+libraries=$here/libraries
+found=$(list "$libraries") ||
+  refuse start.machine "$(uname -m): this is a program for $machine Linux with glibc $glibc or later, and it does not start here. Take the archive for this machine, or compile AccessVDB on it."
+case $found in *"not found"*)
+  # This machine's C++ runtime is older than the one in runtime/, or there is none.
+  libraries=$here/libraries:$here/runtime
+  found=$(list "$libraries")
+  case $found in
+    *"version \`GLIBC_"*"not found"*)
+      own=$(getconf GNU_LIBC_VERSION 2>/dev/null)
+      refuse start.glibc "this machine: its C library (${own:-glibc}) is older than glibc $glibc, which is needed. $advice" ;;
+    *"not found"*)
+      refuse start.library "$(echo "$found" | grep 'not found' | head -n 1 | sed 's/^[[:space:]]*//'): a library is missing here. Unpack the archive again. $advice" ;;
+  esac
+esac
+LD_LIBRARY_PATH=$libraries${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH} exec "$file" "$@"
 END
 chmod +x "$root/run"
-glibc=$(ldd --version | sed -n '1s/.* //p')
 {
-  echo "AccessVDB for $(uname -m) Linux with glibc $glibc or later. There is nothing to install:"
+  echo "AccessVDB for $machine Linux with glibc $glibc or later. There is nothing to install:"
   echo
   if [[ -e $root/programs/make_sample_scans ]]; then
     echo "  bin/make_sample_scans --out scans --range-noise 0.01"
@@ -130,6 +263,9 @@ glibc=$(ldd --version | sed -n '1s/.* //p')
   echo
   if [[ $scripts != - ]]; then
     echo "A GPU is used where an NVIDIA driver is installed. scripts/gpu_suite.sh checks and measures it."
+  fi
+  if [[ -s $stage/needs_runtime ]]; then
+    echo "runtime/ has GCC's runtime for machines whose own has no GLIBCXX_$(highest 4 <"$stage/needs"); it needs glibc $runtime_glibc."
   fi
   echo "The licences of AccessVDB and of everything else in this folder are in licences/."
 } >"$root/README"
@@ -142,5 +278,5 @@ bytes=$(stat -c %s "$archive.tmp")
   fail "the archive has $bytes bytes, more than $limit MB. Its largest files: $(cd "$root" && find . -type f -printf '%s %P\n' |
     sort -rn | awk 'NR <= 3 { printf "%s%s (%.0f MB)", (NR > 1 ? ", " : ""), $2, $1 / 1e6 }'). Leave out a library, or raise --limit."
 mv "$archive.tmp" "$archive"
-awk -v file="$archive" -v bytes="$bytes" -v libraries="$(find "$root/libraries" -type f | wc -l)" \
-  'BEGIN { printf "%s: %.1f MB, %d libraries\n", file, bytes / 1e6, libraries }'
+awk -v file="$archive" -v bytes="$bytes" -v libraries="$(find "$root/libraries" "$root/runtime" -type f | wc -l)" -v glibc="$glibc" \
+  'BEGIN { printf "%s: %.1f MB, %d libraries, glibc %s\n", file, bytes / 1e6, libraries, glibc }'

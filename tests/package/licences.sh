@@ -18,7 +18,7 @@ row() { grep '^|' "$table" | grep -F "\`$1\`" || true; }
 known=$(/sbin/ldconfig -p)
 bad=0 libraries=0
 # Uses only the library names in the tarball, and looks up where this machine's linker finds them.
-for library in "$tree"/libraries/*; do
+for library in "$tree"/libraries/* "$tree"/runtime/*; do
   libraries=$((libraries + 1))
   name=$(basename "$library")
   path=$(readlink -f "$(awk -v name="$name" '$1 == name { print $NF; exit }' <<<"$known")")
