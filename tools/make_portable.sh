@@ -208,11 +208,12 @@ else
 fi
 chmod -R u+rwX,go+rX,go-w "$root"
 
-sed "s/@GLIBC@/$glibc/; s/@MACHINE@/$machine/" >"$root/run" <<'END'
+glibcxx=$(highest 4 <"$stage/needs")
+sed "s/@MACHINE@/$machine/; s/@GLIBC@/$glibc/; s/@GLIBCXX@/$glibcxx/; s/@RUNTIME_GLIBC@/$runtime_glibc/" >"$root/run" <<'END'
 #!/bin/sh
 # run PROGRAM [arguments]: a program of this folder with the libraries of this folder. Without a name: accessvdb. Each
 # name in bin/ is a link to this script and runs the program of that name.
-glibc=@GLIBC@ machine=@MACHINE@
+machine=@MACHINE@ glibc=@GLIBC@ glibcxx=@GLIBCXX@ runtime_glibc=@RUNTIME_GLIBC@
 called=$(basename "$0")
 here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd) || exit 70
 program=accessvdb
@@ -236,17 +237,20 @@ list() {  # list FOLDERS
 libraries=$here/libraries
 found=$(list "$libraries") ||
   refuse start.machine "$(uname -m): this is a program for $machine Linux with glibc $glibc or later, and it does not start here. Take the archive for this machine, or compile AccessVDB on it."
-case $found in *"not found"*)
-  # This machine's C++ runtime is older than the one in runtime/, or there is none.
-  libraries=$here/libraries:$here/runtime
-  found=$(list "$libraries")
-  case $found in
-    *"version \`GLIBC_"*"not found"*)
-      own=$(getconf GNU_LIBC_VERSION 2>/dev/null)
-      refuse start.glibc "this machine: its C library (${own:-glibc}) is older than glibc $glibc, which is needed. $advice" ;;
-    *"not found"*)
-      refuse start.library "$(echo "$found" | grep 'not found' | head -n 1 | sed 's/^[[:space:]]*//'): a library is missing here. Unpack the archive again. $advice" ;;
-  esac
+case $found in
+  *"version \`GLIBC_"*"not found"*)
+    own=$(getconf GNU_LIBC_VERSION 2>/dev/null)
+    refuse start.glibc "this machine: its C library (${own:-glibc}) is older than glibc $glibc, which is needed. $advice" ;;
+  *"not found"*)
+    # Its C++ runtime is older than the one in runtime/, or there is none.
+    libraries=$here/libraries:$here/runtime
+    found=$(list "$libraries") ;;
+esac
+case $found in
+  *"version \`GLIBC_"*"not found"*)
+    refuse start.runtime "this machine: its libstdc++ is too old, and the one in runtime/ needs glibc $runtime_glibc. Install a libstdc++6 with GLIBCXX_$glibcxx. $advice" ;;
+  *"not found"*)
+    refuse start.library "$(echo "$found" | grep 'not found' | head -n 1 | sed 's/^[[:space:]]*//'): a library is missing here. Unpack the archive again. $advice" ;;
 esac
 LD_LIBRARY_PATH=$libraries${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH} exec "$file" "$@"
 END
@@ -265,7 +269,7 @@ chmod +x "$root/run"
     echo "A GPU is used where an NVIDIA driver is installed. scripts/gpu_suite.sh checks and measures it."
   fi
   if [[ -s $stage/needs_runtime ]]; then
-    echo "runtime/ has GCC's runtime for machines whose own has no GLIBCXX_$(highest 4 <"$stage/needs"); it needs glibc $runtime_glibc."
+    echo "runtime/ has GCC's runtime for machines whose own has no GLIBCXX_$glibcxx; it needs glibc $runtime_glibc."
   fi
   echo "The licences of AccessVDB and of everything else in this folder are in licences/."
 } >"$root/README"

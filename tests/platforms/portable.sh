@@ -99,6 +99,9 @@ int main(int count, char** arguments) {
   printf("\tlibm.so.6 => /lib/libm.so.6 (0x00007f0000000000)\n");
   if (strcmp(lacks, "LIBRARY") == 0) {
     printf("\tlibplanted.so.1 => not found\n");
+  } else if (strcmp(lacks, "BOTH") == 0) {
+    fprintf(stderr, "good: /lib/libc.so.6: version `%s' not found (required by good)\n",
+            strstr(path, "/runtime") != NULL ? "GLIBC_2.36" : "GLIBCXX_3.4.30");
   } else if (lacks[0] != 0 && !(strncmp(lacks, "GLIBCXX", 7) == 0 && strstr(path, "/runtime") != NULL)) {
     fprintf(stderr, "good: /lib/libc.so.6: version `%s' not found (required by good)\n", lacks);
   }
@@ -116,6 +119,7 @@ refused_at_start() {  # refused_at_start LACKS TEXT: one line, and code 5
     { complain "$1 (code $code), expected: $2"; cat "$folder/out" "$folder/err"; }
 }
 refused_at_start GLIBC_2.34 "is older than glibc 2.10, which is needed. Use a newer distribution"
+refused_at_start BOTH "good: error[start.runtime] this machine: its libstdc++ is too old, and the one in runtime/ needs glibc"
 refused_at_start LIBRARY "good: error[start.library] libplanted.so.1 => not found: a library is missing here. Unpack the archive again."
 refused_at_start CANNOT "good: error[start.machine] $machine: this is a program for $machine Linux with glibc 2.10 or later"
 exit $bad
