@@ -173,13 +173,18 @@ text_of() {  # text_of PACKAGE: its own, or that of another package from the sam
 }
 header_packages() {  # the packages of the headers that were compiled in, from the sysroot and from this machine
   local headers file
-  headers=$(ninja -C "$headers_of" -t deps | sed -n "s|^ \\+\\(\\($sysroot\\)\\?/usr/.*\\)|\\1|p" | LC_ALL=C sort -u)
+  headers=$(ninja -C "$headers_of" -t deps | sed -n "s|^ \+\(\($sysroot\)\?/usr/.*\)|\1|p" | LC_ALL=C sort -u)
   [[ -n $headers ]] || fail "$headers_of is not a Ninja build, or nothing is built there"
-  while read -r file; do
-    file=${file#"$sysroot"}
-    echo "${file/"/$triplet/"/"/$owners_triplet/"}"
-  done < <(xargs readlink -f <<<"$headers") | LC_ALL=C sort -u | { xargs "${owners[@]}" -S 2>/dev/null || true; } |
-    sed '/^diversion/d; s/[:,].*//' | { grep -vE '^(libc6-dev|linux-libc-dev)(-[a-z0-9]+-cross)?$' || true; }
+  {
+    if [[ -n $sysroot ]]; then
+      { grep "^$sysroot/" <<<"$headers" || true; } | xargs -r readlink -f | while read -r file; do
+        file=${file#"$sysroot"}
+        echo "${file/"/$triplet/"/"/$owners_triplet/"}"
+      done | { xargs -r "${owners[@]}" -S 2>/dev/null || true; }
+      headers=$(grep -v "^$sysroot/" <<<"$headers" || true)
+    fi
+    xargs -r readlink -f <<<"$headers" | { xargs -r dpkg-query -S 2>/dev/null || true; }
+  } | sed '/^diversion/d; s/[:,].*//' | { grep -vE '^(libc6-dev|linux-libc-dev)(-[a-z0-9]+-cross)?$' || true; }
 }
 cp "$source/LICENSE" "$root/licences/accessvdb"
 cp "$source/docs/licences.md" "$root/licences/licences.md"
