@@ -17,14 +17,17 @@ struct Driver {
   const char* version;  ///< STUB_DRIVER_VERSION
   const char* answer;   ///< STUB_DRIVER_INIT
   const char* id;
-  const char* words;  ///< expected in the message
-  bool warned;        ///< false: only a notice, because no GPU is expected
+  const char* words;    ///< expected in the message
+  bool warned;          ///< false: only a notice, because no GPU is expected
+  bool loaded = false;  ///< the kernel has its part of the driver
 };
 
 void PrintTo(const Driver& driver, std::ostream* out) { *out << driver.what; }
 
 constexpr Driver kDrivers[] = {
     {"none", "0", "0", "device.no_driver", "no NVIDIA driver is installed", false},
+    {"without its library", "0", "0", "device.no_library",
+     "the NVIDIA driver is loaded, but its library libcuda.so.1 is missing here", true, true},
     {"too old", "11040", "0", "device.old_driver", "the NVIDIA driver knows CUDA 11.4, this program needs ", true},
     {"no GPU", "99000", "100", "device.missing", "no NVIDIA GPU can be used here", true},
     {"not ready", "99000", "802", "device.failed", "the NVIDIA driver does not start", true},
@@ -44,10 +47,15 @@ class StubDriver : public ProgramTest, public ::testing::WithParamInterface<Driv
            (std::string(ACCESSVDB_STUB_DRIVER_FOLDER) + (before_.empty() ? "" : ":" + before_)).c_str(), 1);
     setenv("STUB_DRIVER_VERSION", GetParam().version, 1);
     setenv("STUB_DRIVER_INIT", GetParam().answer, 1);
+    if (!GetParam().loaded) return;
+    setenv("STUB_DRIVER_LOADED", "1", 1);
+    setenv("LD_PRELOAD", ACCESSVDB_STUB_DRIVER_FOLDER "/libcuda.so.1", 1);
   }
   void TearDown() override {
     unsetenv("STUB_DRIVER_VERSION");
     unsetenv("STUB_DRIVER_INIT");
+    unsetenv("STUB_DRIVER_LOADED");
+    unsetenv("LD_PRELOAD");
     before_.empty() ? unsetenv("LD_LIBRARY_PATH") : setenv("LD_LIBRARY_PATH", before_.c_str(), 1);
     ProgramTest::TearDown();
   }
