@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cuda/memory/device_context.h"
 
-#include <unistd.h>
+#include <filesystem>
+#include <system_error>
 
 #include "cuda/memory/cuda_check.h"
 
@@ -23,9 +24,10 @@ void requireDriverAndDevice() {
   int driver = 0, runtime = 0, devices = 0;
   if (cudaDriverGetVersion(&driver) != cudaSuccess || driver == 0) {
     // As in a container that was started without the GPU: the kernel has its part of the driver, the rest is not here.
-    if (access("/proc/driver/nvidia/version", F_OK) == 0) {
+    std::error_code ignored;
+    if (std::filesystem::exists("/proc/driver/nvidia/version", ignored)) {
       refuse("device.no_library", "the NVIDIA driver is loaded, but its library libcuda.so.1 is missing here",
-             "In a container ask for the GPU (docker run --gpus all), else install libcuda1, or use BackendKind::Cpu");
+             "In a container ask for the GPU when it is started, else install libcuda1, or use BackendKind::Cpu");
     }
     refuse("device.no_driver", "no NVIDIA driver is installed", "Install one, or use BackendKind::Cpu");
   }
