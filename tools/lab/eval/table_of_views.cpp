@@ -3,6 +3,7 @@
 /// Where to look next: what proposed views resolve once they are simulated, against random ones from free space, and
 /// against what was predicted. No proposed pose may touch the exact scene.
 #include <tbb/parallel_for.h>
+#include <unistd.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
