@@ -37,6 +37,11 @@ class ACCESSVDB_API ToolGeometry {
   /// From vertices in metres in the tool frame and triangles of vertex indices.
   static ToolGeometry fromTriangles(std::vector<Eigen::Vector3f> vertices_T,
                                     std::vector<std::array<std::uint32_t, 3>> triangles, std::string name);
+  /// Another process's tool from what it says of itself: the mesh is taken as it is, not repaired again, so sha256() is
+  /// the same. @throws as fromTriangles() for a mesh that no tool has, and as grownBy()
+  static ToolGeometry restored(std::vector<Eigen::Vector3f> vertices_T,
+                               std::vector<std::array<std::uint32_t, 3>> triangles, const std::string& name,
+                               std::vector<std::string> notes, bool watertight, double margin_m);
   /// "builtin:pencil" (0.15 m long, 8 mm thick, 20 mm conical tip) or "builtin:pruner" (an arm of 0.6 m
   /// before a body of 0.5 m; its farthest vertex is 1.13 m from the tip). @throws InvalidArgument for any other name.
   static ToolGeometry builtin(const std::string& name);
@@ -59,7 +64,9 @@ class ACCESSVDB_API ToolGeometry {
   [[nodiscard]] float reach_m() const { return reach_m_; }  ///< farthest vertex from the tip
 
  private:
-  ToolGeometry() = default;
+  /// Measures and hashes the mesh, which has faces.
+  ToolGeometry(std::vector<Eigen::Vector3f> vertices_T, std::vector<std::array<std::uint32_t, 3>> triangles,
+               const std::string& name, bool watertight);
   std::vector<Eigen::Vector3f> vertices_T_;
   std::vector<std::array<std::uint32_t, 3>> triangles_;
   std::string name_, sha256_;

@@ -9,6 +9,7 @@
 
 #include "accessvdb/params_rows.h"
 #include "bindings/parts.h"
+#include "bindings/pickles.h"
 #include "bindings/settings.h"
 
 namespace py = pybind11;
@@ -19,6 +20,36 @@ namespace {
 std::function<FieldParams(py::handle)>& fieldParamsConverter() {
   static std::function<FieldParams(py::handle)> converter;
   return converter;
+}
+
+/// Row by row, also those that Python does not show.
+template <typename Pickle, typename Params>
+void visitParams(Pickle& pickle, Params& params) {
+  forEachRow<std::remove_const_t<Params>>([&]<typename Row>(const Row&) {
+    auto& value = params.*Row::member;
+    using Value = std::remove_cvref_t<decltype(value)>;
+    if constexpr (ParamStruct<Value>) {
+      visitParams(pickle, value);
+    } else if constexpr (Row::template is<&ApproachParams::orientations>) {
+      visitOrientations(pickle, value);
+    } else if constexpr (Row::template is<&FieldParams::origin_W>) {
+      pickle.each(value, [&](auto& origin_W) { pickle(origin_W); });
+    } else if constexpr (Row::template is<&FieldParams::window>) {
+      pickle.each(value, [&](auto& window) {
+        auto& [core_low, core_high] = window;
+        pickle(core_low);
+        pickle(core_high);
+      });
+    } else if constexpr (Row::template is<&FieldParams::carry>) {
+      pickle.each(value, [&](auto& attribute) {
+        auto& [name, keep] = attribute;
+        pickle(name);
+        pickle(keep);
+      });
+    } else {
+      pickle(value);
+    }
+  });
 }
 
 /// A class with a setting for each row of the struct.
@@ -36,6 +67,13 @@ SettingsClass<Params> paramsClass(py::module_& m, const char* name, const char* 
       c.field(row.name, Row::member, row.words);  // tiles of a larger map are made by programs in C++
     }
   });
+  addPickles(
+      c.pythonClass(), name, [](PickleWriter& pickle, const Params& params) { visitParams(pickle, params); },
+      [](PickleReader& pickle) {
+        Params made;
+        visitParams(pickle, made);
+        return made;
+      });
   return c;
 }
 

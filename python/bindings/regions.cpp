@@ -17,6 +17,7 @@
 #include "accessvdb/what_if.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
+#include "bindings/pickles.h"
 #include "bindings/settings.h"
 #include "bindings/snapshot.h"
 
@@ -53,6 +54,44 @@ Region meshFrom(const py::object& vertices_W, const py::object& triangles) {
   return Region::mesh({vertices.view().begin(), vertices.view().end()}, std::move(indices));
 }
 
+void writeRegion(PickleWriter& pickle, const Region& region) {
+  pickle(region.kind());
+  switch (region.kind()) {
+    case Region::Kind::Box:
+      pickle(region.min_W());
+      return pickle(region.max_W());
+    case Region::Kind::Mesh:
+      pickle(region.vertices_W());
+      return pickle(region.triangles());
+    case Region::Kind::Points:
+      return pickle(region.ids());
+  }
+}
+
+/// What it was made of: corners that are joined and ids that are in order stay as they are.
+Region readRegion(PickleReader& pickle) {
+  Region::Kind kind{};
+  Eigen::Vector3d min_W, max_W;
+  std::vector<Eigen::Vector3d> vertices_W;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::vector<std::uint32_t> ids;
+  pickle(kind);
+  switch (kind) {
+    case Region::Kind::Box:
+      pickle(min_W);
+      pickle(max_W);
+      return Region::box(min_W, max_W);
+    case Region::Kind::Mesh:
+      pickle(vertices_W);
+      pickle(triangles);
+      return Region::mesh(std::move(vertices_W), std::move(triangles));
+    case Region::Kind::Points:
+      pickle(ids);
+      return Region::points(std::move(ids));
+  }
+  pickle.refuse();
+}
+
 /// A what-if whose points are a snapshot, for Python to view.
 struct KeptWhatIf {
   WhatIf counts;
@@ -71,7 +110,9 @@ KeptWhatIf kept(WhatIf what_if, const AccessibilityField& field) {
 }  // namespace
 
 void bindRegions(py::module_& module) {
-  py::class_<Region>(module, "Region", "A part of a map: only what the map has observed belongs to it.")
+  py::class_<Region> regions(module, "Region", "A part of a map: only what the map has observed belongs to it.");
+  addPickles(regions, "Region", &writeRegion, &readRegion);
+  regions
       .def_static(
           "box",
           [](const py::object& min_W, const py::object& max_W) {

@@ -110,8 +110,6 @@ class ACCESSVDB_PRIVATE SettingsClass {
       return pybind11::bool_(true);
     });
     class_.attr("__hash__") = pybind11::none();
-    class_.def("__copy__", [](const Struct& s) { return s; });
-    class_.def("__deepcopy__", [](const Struct& s, const pybind11::dict&) { return s; });
   }
   /// For more than settings.
   [[nodiscard]] pybind11::class_<Struct>& pythonClass() { return class_; }

@@ -9,6 +9,7 @@
 #include "bindings/arrays.h"
 #include "bindings/columns.h"
 #include "bindings/parts.h"
+#include "bindings/pickles.h"
 
 namespace py = pybind11;
 
@@ -42,6 +43,29 @@ std::vector<Column> pointColumns() {
       column("reason", &P::reason, "(N,) uint8, PointReason."),
       column("confident", &P::confident, "(N,) bool, accessible and confidence times stability above stability_min."),
   };
+}
+
+/// By name, so that a new field does not compile before it has a place here.
+template <typename Pickle, typename Point>
+void visitPoint(Pickle& pickle, Point& point) {
+  auto& [id, position_W, normal_W, direction_W, yaw_rad, direction, roll, tool, tools, margin_m, free_arc_deg, score,
+         weight, confidence, stability, access_probability, label, reason, confident, orientation_WT] = point;
+  const auto visit = [&](auto&... fields) { (pickle(fields), ...); };
+  visit(id, position_W, normal_W, direction_W, yaw_rad, direction, roll, tool, tools, margin_m, free_arc_deg, score,
+        weight, confidence, stability, access_probability, label, reason, confident, orientation_WT.coeffs());
+}
+
+template <typename Pickle, typename Snapshot>
+void visitSnapshot(Pickle& pickle, Snapshot& snapshot) {
+  auto& [points, origin_W, voxel_size_m, attributes] = snapshot;
+  pickle.each(points, [&](auto& point) { visitPoint(pickle, point); });
+  pickle(origin_W);
+  pickle(voxel_size_m);
+  pickle.each(attributes, [&](auto& column) {
+    auto& [name, values] = column;
+    pickle(name);
+    pickle(values);
+  });
 }
 
 /// How the tool is held, world from tool.
@@ -122,6 +146,13 @@ void bindSnapshot(py::module_& module) {
       "All surface points at one moment, in the order of their ids. Columns are read-only views without a copy; they "
       "keep the snapshot alive, and it is independent of its field.");
   addColumns(snapshot, &FieldSnapshot::points, pointColumns());
+  addPickles(
+      snapshot, "FieldSnapshot", [](PickleWriter& pickle, const FieldSnapshot& self) { visitSnapshot(pickle, self); },
+      [](PickleReader& pickle) {
+        FieldSnapshot made;
+        visitSnapshot(pickle, made);
+        return made;
+      });
   snapshot
       .def_property_readonly(
           "origin_W", [](const FieldSnapshot& s) { return arrayOf(s.origin_W); },

@@ -13,6 +13,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
+#include "bindings/pickles.h"
 #include "bindings/settings.h"
 
 namespace py = pybind11;
@@ -61,12 +62,50 @@ ToolGeometry fromTriangles(const py::object& vertices_T, const py::object& trian
   });
 }
 
+void writeTool(PickleWriter& pickle, const ToolGeometry& tool) {
+  pickle(tool.vertices_T());
+  pickle(tool.triangles());
+  pickle(tool.name());
+  pickle(tool.notes());
+  pickle(tool.watertight());
+  pickle(tool.margin_m());
+}
+
+ToolGeometry readTool(PickleReader& pickle) {
+  std::vector<Eigen::Vector3f> vertices_T;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::string name;
+  std::vector<std::string> notes;
+  bool watertight = false;
+  double margin_m = 0;
+  pickle(vertices_T);
+  pickle(triangles);
+  pickle(name);
+  pickle(notes);
+  pickle(watertight);
+  pickle(margin_m);
+  return ToolGeometry::restored(std::move(vertices_T), std::move(triangles), name, std::move(notes), watertight,
+                                margin_m);
+}
+
+/// All but the tool itself.
+template <typename Pickle, typename Spec>
+void visitSpec(Pickle& pickle, Spec& spec) {
+  auto& [tool, orientations, rolls, name, max_collisions] = spec;
+  visitOrientations(pickle, orientations);
+  pickle(rolls);
+  pickle(name);
+  pickle(max_collisions);
+}
+
 }  // namespace
 
 void bindTool(py::module_& module) {
-  py::class_<ToolGeometry>(
+  py::class_<ToolGeometry> geometry(
       module, "ToolGeometry",
-      "A tool as a triangle mesh: metres, tip at the origin, +x from the tip along the body, +z up.")
+      "A tool as a triangle mesh: metres, tip at the origin, +x from the tip along the body, +z up.");
+  addPickles(geometry, "ToolGeometry", &writeTool, &readTool);
+  geometry
       .def_static("from_mesh", &fromMesh, py::arg("path"), py::arg("unit") = py::none(), py::kw_only(),
                   py::arg("tip") = py::none(), py::arg("axis") = py::make_tuple(1, 0, 0),
                   py::arg("up") = py::make_tuple(0, 0, 1),
@@ -110,7 +149,19 @@ void bindTool(py::module_& module) {
         return "<accessvdb.ToolGeometry " + t.name() + ": " + std::to_string(t.vertices_T().size()) + " vertices, " +
                std::to_string(t.triangles().size()) + " triangles, reach " + std::to_string(t.reach_m()) + " m>";
       });
-  py::class_<ToolSpec>(module, "ToolSpec", "One of several tools of a field, and what the field asks of it.")
+  py::class_<ToolSpec> tool_spec(module, "ToolSpec", "One of several tools of a field, and what the field asks of it.");
+  addPickles(
+      tool_spec, "ToolSpec",
+      [](PickleWriter& pickle, const ToolSpec& spec) {
+        writeTool(pickle, spec.tool);
+        visitSpec(pickle, spec);
+      },
+      [](PickleReader& pickle) {
+        ToolSpec spec{readTool(pickle)};
+        visitSpec(pickle, spec);
+        return spec;
+      });
+  tool_spec
       .def(py::init([](const ToolGeometry& tool, const std::string& orientations, int rolls, const std::string& name,
                        int max_collisions) {
              return ToolSpec{tool, OrientationSet::parse(orientations), rolls, name, max_collisions};

@@ -226,6 +226,30 @@ std::vector<std::string> tipWarnings(const TipPlace& place, const TipWords& word
   return {};
 }
 
+/// @throws InvalidArgument "tool.index", UnusableInput "tool.nonfinite"
+void requireMesh(const std::vector<Eigen::Vector3f>& vertices_T, const std::vector<Triangle>& triangles,
+                 const std::string& name) {
+  for (const Triangle& t : triangles) {
+    for (std::uint32_t v : t) {
+      if (!(v < vertices_T.size())) {
+        throw InvalidArgument(
+            "tool.index", name,
+            "a triangle refers to vertex " + std::to_string(v) + " of " + std::to_string(vertices_T.size()));
+      }
+      if (!vertices_T[v].allFinite()) {
+        throw UnusableInput("tool.nonfinite", name, "vertex " + std::to_string(v) + " is not finite",
+                            "Export the mesh again");
+      }
+    }
+  }
+}
+
+void requireFaces(const std::vector<Triangle>& triangles, const std::string& name, const char* problem) {
+  if (triangles.empty()) {
+    throw UnusableInput("tool.no_faces", name, problem, "Export the tool as a surface of triangles or polygons");
+  }
+}
+
 }  // namespace
 
 double metresPer(LengthUnit unit) {
@@ -242,43 +266,43 @@ double metresPer(LengthUnit unit) {
   throw InvalidArgument("tool.unit", "", "the length unit is not one of metre, centimetre, millimetre and inch");
 }
 
-ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T, std::vector<Triangle> triangles,
-                                         std::string name) {
-  for (const Triangle& t : triangles) {
-    for (std::uint32_t v : t) {
-      if (!(v < vertices_T.size())) {
-        throw InvalidArgument(
-            "tool.index", name,
-            "a triangle refers to vertex " + std::to_string(v) + " of " + std::to_string(vertices_T.size()));
-      }
-      if (!vertices_T[v].allFinite()) {
-        throw UnusableInput("tool.nonfinite", name, "vertex " + std::to_string(v) + " is not finite",
-                            "Export the mesh again");
-      }
-    }
-  }
-  internal::RepairedMesh mesh = internal::repairMesh(vertices_T, triangles);
-  if (mesh.triangles.empty()) {
-    throw UnusableInput("tool.no_faces", name, triangles.empty() ? "the mesh has no faces" : "no face has an area",
-                        "Export the tool as a surface of triangles or polygons");
-  }
-  ToolGeometry tool;
-  tool.watertight_ = mesh.watertight;
-  tool.name_ = escaped(name);
-  tool.min_T_ = tool.max_T_ = mesh.vertices[0];
+ToolGeometry::ToolGeometry(std::vector<Eigen::Vector3f> vertices_T, std::vector<Triangle> triangles,
+                           const std::string& name, bool watertight)
+    : vertices_T_(std::move(vertices_T)),
+      triangles_(std::move(triangles)),
+      name_(escaped(name)),
+      sha256_(digestOf(vertices_T_, triangles_, 0)),
+      watertight_(watertight),
+      min_T_(vertices_T_[0]),
+      max_T_(vertices_T_[0]) {
   double reach_m = 0;
-  for (const Eigen::Vector3f& p : mesh.vertices) {
-    tool.min_T_ = tool.min_T_.cwiseMin(p);
-    tool.max_T_ = tool.max_T_.cwiseMax(p);
+  for (const Eigen::Vector3f& p : vertices_T_) {
+    min_T_ = min_T_.cwiseMin(p);
+    max_T_ = max_T_.cwiseMax(p);
     reach_m = std::max(reach_m, p.cast<double>().norm());
   }
-  tool.reach_m_ = float(reach_m);
+  reach_m_ = float(reach_m);
+}
+
+ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T, std::vector<Triangle> triangles,
+                                         std::string name) {
+  requireMesh(vertices_T, triangles, name);
+  internal::RepairedMesh mesh = internal::repairMesh(vertices_T, triangles);
+  requireFaces(mesh.triangles, name, triangles.empty() ? "the mesh has no faces" : "no face has an area");
+  ToolGeometry tool(mesh.vertices, mesh.triangles, name, mesh.watertight);
   tool.notes_ = notesOf(mesh, (tool.max_T_ - tool.min_T_).cast<double>().maxCoeff());
-  tool.vertices_T_ = std::move(mesh.vertices);
-  tool.triangles_ = std::move(mesh.triangles);
-  tool.sha256_ = digestOf(tool.vertices_T_, tool.triangles_, 0);
   for (std::string& note : tipWarnings(placeOfTip(tool), {})) tool.notes_.push_back(std::move(note));
   return tool;
+}
+
+ToolGeometry ToolGeometry::restored(std::vector<Eigen::Vector3f> vertices_T, std::vector<Triangle> triangles,
+                                    const std::string& name, std::vector<std::string> notes, bool watertight,
+                                    double margin_m) {
+  requireMesh(vertices_T, triangles, name);
+  requireFaces(triangles, name, "the mesh has no faces");
+  ToolGeometry tool(std::move(vertices_T), std::move(triangles), name, watertight);
+  tool.notes_ = std::move(notes);
+  return tool.grownBy(margin_m);
 }
 
 ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,

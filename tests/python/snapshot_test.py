@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Snapshots: read-only columns without copies, alive as long as they are needed."""
 
-import copy
 import gc
 import os
-import pickle
 import tempfile
 import unittest
 import weakref
@@ -168,14 +166,6 @@ class Snapshot(unittest.TestCase):
         self.assertGreater(len(field.snapshot()), n)
         self.assertEqual(len(before), n)
         np.testing.assert_array_equal(before.label, label)
-
-    def test_no_pickles(self):
-        for thing in (self.field, self.snapshot):
-            for call in (copy.copy, copy.deepcopy, pickle.dumps):
-                with self.assertRaises(TypeError):
-                    call(thing)
-        # But a snapshot's columns are ordinary arrays.
-        np.testing.assert_array_equal(pickle.loads(pickle.dumps(self.snapshot.records)), self.snapshot.records)
 
     def test_empty(self):
         snapshot = accessvdb.AccessibilityField(accessvdb.ToolGeometry.builtin("builtin:pencil")).snapshot()
