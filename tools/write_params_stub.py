@@ -65,7 +65,7 @@ def settings_of(made, stub):
 def written(stub):
     """The text of the stub with the settings of all classes of parameters."""
     for name in (name for name in accessvdb.__all__ if name.endswith("Params")):
-        head = rf'^class {name}:\n(?:    """.*"""\n\n)?'
+        head = rf'^class {name}\(metaclass=_Compiled\):\n(?:    """.*"""\n\n)?'
         constructor = r"    def __init__\((?:.*|\n(?:        .*\n)*    )\) -> None: \.\.\.\n"
         pattern = rf"({head})(?:    .*\n)*?{constructor}"
         settings = settings_of(getattr(accessvdb, name)(), stub)

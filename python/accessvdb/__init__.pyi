@@ -32,6 +32,8 @@ _U16 = npt.NDArray[np.uint16]
 _U32 = npt.NDArray[np.uint32]
 _Bool = npt.NDArray[np.bool_]
 
+class _Compiled(type): ...  # pybind11's, of all classes that are compiled
+
 NO_ATTRIBUTE: int
 NO_SCORE: int
 NO_DIRECTION: int
@@ -69,7 +71,7 @@ class PointReason(enum.IntEnum):
     CHANGED = 7
     BESIDE_SURFACE = 8
 
-class ProjectiveParams:
+class ProjectiveParams(metaclass=_Compiled):
     bin_rad: float
     in_front: bool
     empty_is_free: bool
@@ -101,7 +103,7 @@ class ProjectiveParams:
     def __copy__(self) -> ProjectiveParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ProjectiveParams: ...
 
-class TsdfParams:
+class TsdfParams(metaclass=_Compiled):
     voxel_size_m: float
     truncation_distance_m: float
     range_noise_m: float
@@ -139,7 +141,7 @@ class TsdfParams:
     def __copy__(self) -> TsdfParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> TsdfParams: ...
 
-class ApproachParams:
+class ApproachParams(metaclass=_Compiled):
     num_directions: int
     normal_cone_rad: float
     observation_cos_min: float
@@ -171,7 +173,7 @@ class ApproachParams:
     def __copy__(self) -> ApproachParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ApproachParams: ...
 
-class ScoringParams:
+class ScoringParams(metaclass=_Compiled):
     collision_distance_m: float
     self_exclusion_voxels: float
     form: _Form
@@ -203,7 +205,7 @@ class ScoringParams:
     def __copy__(self) -> ScoringParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ScoringParams: ...
 
-class UpdateParams:
+class UpdateParams(metaclass=_Compiled):
     policy: _Policy
     budget_points: int
     changed_voxel_sample: int
@@ -225,14 +227,14 @@ class UpdateParams:
     def __copy__(self) -> UpdateParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> UpdateParams: ...
 
-class ChangeParams:
+class ChangeParams(metaclass=_Compiled):
     mode: _Change
     free_for_s: float
     def __init__(self, *, mode: _Change = ..., free_for_s: float = ...) -> None: ...
     def __copy__(self) -> ChangeParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ChangeParams: ...
 
-class FieldParams:
+class FieldParams(metaclass=_Compiled):
     """Everything that an AccessibilityField needs besides the tool. Nested structs can be given as dicts."""
 
     tsdf: TsdfParams
@@ -268,7 +270,7 @@ class FieldParams:
     def __deepcopy__(self, memo: Dict[int, Any]) -> FieldParams: ...
 
 @final
-class ToolGeometry:
+class ToolGeometry(metaclass=_Compiled):
     """A tool as a triangle mesh: metres, tip at the origin, +x from the tip along the body, +z up."""
 
     @staticmethod
@@ -306,7 +308,7 @@ class ToolGeometry:
     def __deepcopy__(self, memo: Dict[int, Any]) -> ToolGeometry: ...
 
 @final
-class Region:
+class Region(metaclass=_Compiled):
     @staticmethod
     def box(min_W: _Three, max_W: _Three) -> Region: ...
     @staticmethod
@@ -317,7 +319,7 @@ class Region:
     def __deepcopy__(self, memo: Dict[int, Any]) -> Region: ...
 
 @final
-class Removal:
+class Removal(metaclass=_Compiled):
     @property
     def removed_as(self) -> str: ...
     @property
@@ -330,7 +332,7 @@ class Removal:
     def flipped_voxels(self) -> int: ...
 
 @final
-class WhatIf:
+class WhatIf(metaclass=_Compiled):
     @property
     def opens(self) -> FieldSnapshot: ...
     @property
@@ -349,7 +351,7 @@ class WhatIf:
     def score_ms(self) -> float: ...
 
 @final
-class Cut:
+class Cut(metaclass=_Compiled):
     @property
     def segment(self) -> int: ...
     @property
@@ -358,7 +360,7 @@ class Cut:
     def points_gone(self) -> int: ...
 
 @final
-class CutOrder:
+class CutOrder(metaclass=_Compiled):
     @property
     def cuts(self) -> List[Cut]: ...
     @property
@@ -369,7 +371,7 @@ class CutOrder:
     def what_ifs(self) -> int: ...
 
 @final
-class AccessMap:
+class AccessMap(metaclass=_Compiled):
     @property
     def point(self) -> SurfacePoint: ...
     @property
@@ -386,7 +388,7 @@ class AccessMap:
     def roll(self) -> _U8: ...
 
 @final
-class SurfacePoint:
+class SurfacePoint(metaclass=_Compiled):
     @property
     def id(self) -> int: ...
     @property
@@ -427,7 +429,7 @@ class SurfacePoint:
     def confident(self) -> bool: ...
 
 @final
-class FieldSnapshot:
+class FieldSnapshot(metaclass=_Compiled):
     """All surface points at one moment. Columns are read-only views without a copy; they keep the snapshot alive."""
 
     @property
@@ -485,7 +487,7 @@ class FieldSnapshot:
     def __deepcopy__(self, memo: Dict[int, Any]) -> FieldSnapshot: ...
 
 @final
-class PointAnswers:
+class PointAnswers(metaclass=_Compiled):
     """What a field knows at the given positions, in their order. Columns are read-only views."""
 
     @property
@@ -515,7 +517,7 @@ class PointAnswers:
     def __len__(self) -> int: ...
 
 @final
-class CapsuleAnswers:
+class CapsuleAnswers(metaclass=_Compiled):
     """What the given capsules meet, in their order. Columns are read-only views."""
 
     @property
@@ -535,7 +537,7 @@ class CapsuleAnswers:
     def __len__(self) -> int: ...
 
 @final
-class FitAnswers:
+class FitAnswers(metaclass=_Compiled):
     """What a tool meets at the given poses, in their order. Columns are read-only views."""
 
     @property
@@ -557,7 +559,7 @@ class FitAnswers:
     def __len__(self) -> int: ...
 
 @final
-class PathFit:
+class PathFit(metaclass=_Compiled):
     """What a tool meets on its way from pose to pose."""
 
     @property
@@ -574,7 +576,7 @@ class PathFit:
     def free(self) -> bool: ...
 
 @final
-class FrameStats:
+class FrameStats(metaclass=_Compiled):
     @property
     def points_in(self) -> int: ...
     @property
@@ -605,7 +607,7 @@ class FrameStats:
     def surface_points(self) -> int: ...
 
 @final
-class UpdateStats:
+class UpdateStats(metaclass=_Compiled):
     @property
     def dirty_points(self) -> int: ...
     @property
@@ -631,7 +633,7 @@ class UpdateStats:
     def score_ms(self) -> float: ...
 
 @final
-class UpdateTicket:
+class UpdateTicket(metaclass=_Compiled):
     """An update that may still be running. It keeps the outcome even if the field is gone."""
 
     def wait(self) -> UpdateStats: ...
@@ -639,7 +641,7 @@ class UpdateTicket:
     def done(self) -> bool: ...
 
 @final
-class MemoryUse:
+class MemoryUse(metaclass=_Compiled):
     @property
     def map_bytes(self) -> int: ...
     @property
@@ -656,7 +658,7 @@ class MemoryUse:
     def active_voxels(self) -> int: ...
 
 @final
-class ScanRecord:
+class ScanRecord(metaclass=_Compiled):
     """One step: points_S with T_W_S, or, for a ray cloud, points_W with origins_W."""
 
     @property
@@ -690,7 +692,7 @@ class ScanRecord:
         """Why there are no points, or an empty text."""
 
 @final
-class ScanSequence:
+class ScanSequence(metaclass=_Compiled):
     """Scans with their poses, in order; files are read on demand."""
 
     def __init__(
@@ -739,7 +741,7 @@ class ScanSequence:
         """Reads a few scans of the whole sequence and compares them, as the program does before it maps."""
 
 @final
-class ScanAgreement:
+class ScanAgreement(metaclass=_Compiled):
     """Whether scans agree about what is where: wrong poses make a wrong map."""
 
     @property
@@ -760,7 +762,7 @@ class ScanAgreement:
         """turned: degrees; time_offset: seconds to add; unit: factor for the positions of the poses."""
 
 @final
-class LiveStep:
+class LiveStep(metaclass=_Compiled):
     """What LiveSession.step() did."""
 
     @property
@@ -801,7 +803,7 @@ class LiveStep:
         """Points that are new, or whose label, reason or direction changed."""
 
 @final
-class LiveSession:
+class LiveSession(metaclass=_Compiled):
     """A field that is fed while the scanner runs, by any transport: docs/live.md. add_pose(), add_transform(), add_scan(),
     end_of_poses(), wait_for_work() and status() may be called from any thread at any time."""
 
@@ -854,7 +856,7 @@ class LiveSession:
     def write(self, folder: _Path) -> None: ...
 
 @final
-class RollingField:
+class RollingField(metaclass=_Compiled):
     """A field of any extent in bounded memory, which forgets nothing: docs/developers.md, "Without end"."""
 
     def __init__(
@@ -883,7 +885,7 @@ class RollingField:
     def write(self, folder: _Path) -> None: ...
 
 @final
-class ToolSpec:
+class ToolSpec(metaclass=_Compiled):
     """One of several tools of a field, and what the field asks of it."""
 
     def __init__(
@@ -909,7 +911,7 @@ class ToolSpec:
     def __deepcopy__(self, memo: Dict[int, Any]) -> ToolSpec: ...
 
 @final
-class DistanceGrid:
+class DistanceGrid(metaclass=_Compiled):
     """Distances to the nearest obstacle from the voxels of a box."""
 
     @property
@@ -928,7 +930,7 @@ def with_margins(
 ) -> List[ToolSpec]: ...
 
 @final
-class AccessibilityField:
+class AccessibilityField(metaclass=_Compiled):
     """Scans go in, labelled surface points come out. Calls from several threads take turns."""
 
     def __init__(
@@ -1050,7 +1052,7 @@ class AccessibilityField:
     def collision_limit(self) -> int: ...
 
 @final
-class StoredAnswer:
+class StoredAnswer(metaclass=_Compiled):
     @property
     def position_W(self) -> _F64: ...
     @property
@@ -1067,7 +1069,7 @@ class StoredAnswer:
     def weight(self) -> float: ...
 
 @final
-class StoredField:
+class StoredField(metaclass=_Compiled):
     """A field read back from an output folder."""
 
     def __init__(self, folder: _Path, *, allow_changed: bool = ...) -> None: ...
@@ -1075,7 +1077,7 @@ class StoredField:
     @property
     def points(self) -> FieldSnapshot: ...
 
-class StoredTiles:
+class StoredTiles(metaclass=_Compiled):
     """A map in tiles read back from its output folder, one tile in memory at a time."""
 
     def __init__(self, folder: _Path, *, allow_changed: bool = ...) -> None: ...

@@ -17,6 +17,7 @@ from pathlib import Path
 import accessvdb
 
 STUB = Path(accessvdb.__file__).with_name("__init__.pyi")
+ALLOWLIST = Path(__file__).with_name("stubtest_allowlist.txt")
 TREE = ast.parse(STUB.read_text())
 OWN = {"__init__", "__len__", "__getitem__", "__iter__", "__copy__", "__deepcopy__"}  # special members that a stub must list
 
@@ -36,7 +37,7 @@ def stub_names():
 
 
 def stub_classes():
-    return {node.name: node for node in TREE.body if isinstance(node, ast.ClassDef)}
+    return {node.name: node for node in TREE.body if isinstance(node, ast.ClassDef) and public(node.name)}
 
 
 def stub_members(node):
@@ -151,6 +152,27 @@ class Stub(unittest.TestCase):
             thing = getattr(accessvdb, name)
             if isinstance(thing, type) or callable(thing):
                 self.assertTrue(thing.__doc__, name)
+
+    def test_stubtest(self):
+        """mypy.stubtest finds what is planted, and nothing else. It does not read pybind11's signatures; test_arguments does."""
+        if sys.prefix != "/usr":
+            self.skipTest("mypy is the distribution's, and this Python is not")
+        with tempfile.TemporaryDirectory() as folder:
+            package = Path(folder, "accessvdb")
+            shutil.copytree(STUB.parent, package, ignore=shutil.ignore_patterns("__pycache__", "_accessvdb*"))
+            (compiled,) = STUB.parent.glob("_accessvdb.*.so")
+            (package / compiled.name).symlink_to(compiled)
+            stub = package / STUB.name
+            stub.write_text(stub.read_text().replace("    def grown_by(", "    def shrunk_by(self) -> None: ...\n    def grown_by("))
+            ran = subprocess.run(
+                [sys.executable, "-m", "mypy.stubtest", "accessvdb", "--concise", "--allowlist", ALLOWLIST],
+                env={**os.environ, "PYTHONPATH": folder, "MYPYPATH": folder},
+                cwd=folder,  # mypy keeps a cache where it runs
+                capture_output=True,
+                text=True,
+            )
+        self.assertNotIn("No module named mypy", ran.stderr, "mypy is missing; on Debian and Ubuntu: apt install mypy")
+        self.assertEqual((ran.returncode, ran.stdout), (1, "accessvdb.ToolGeometry.shrunk_by is not present at runtime\n"), ran.stderr)
 
     def test_mypy(self):
         source = Path(os.environ["SOURCE"])
