@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the code cells of a notebook in order, without Jupyter, and compares what they print with the outputs in it.
+"""Runs the code cells of a notebook in order, without Jupyter, and compares what they print with the outputs in it. With
+matplotlib each cell draws as many figures as the notebook shows behind it.
 
     run_notebook.py NOTEBOOK BIN WORK [MODULE]      exit code 0, 1, or 77 where MODULE (the compiled one) is not there
-    run_notebook.py --write NOTEBOOK BIN WORK       puts what is printed into the notebook
+    run_notebook.py --write NOTEBOOK BIN WORK       puts what is printed and drawn into the notebook
 
-Cells run in WORK/docs, as in a source tree whose build/release/bin is BIN.
+Cells run in WORK/docs, as in a source tree whose build/release/bin is BIN. Then notebook_figures.py
+says what is wrong with the figures.
 """
+import base64
 import contextlib
 import importlib.util
 import io
@@ -19,12 +22,34 @@ import traceback
 import warnings
 from pathlib import Path
 
+import notebook_figures
+
 
 def is_there(module):
     try:
         return importlib.util.find_spec(module) is not None
     except ModuleNotFoundError:  # nor its package
         return False
+
+
+def new_figures():
+    """Those of this cell: Jupyter, too, shows and closes them after it."""
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is None:
+        return []
+    figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
+    pyplot.close("all")
+    return figures
+
+
+def output_of(figure):
+    png = io.BytesIO()
+    figure.savefig(png, dpi=72, bbox_inches="tight", metadata={"Software": None})
+    return {
+        "data": {"image/png": base64.b64encode(png.getvalue()).decode() + "\n", "text/plain": [repr(figure)]},
+        "metadata": {},
+        "output_type": "display_data",
+    }
 
 
 def shown_by(cell):
@@ -51,7 +76,9 @@ def main():
     (work / "build/release/bin").symlink_to(bin_folder)
     (work / "docs").mkdir()
     os.chdir(work / "docs")
+    os.environ["MPLBACKEND"] = "Agg"  # draws into memory
     warnings.simplefilter("error")
+    with_figures = is_there("matplotlib")
     names = {"__name__": "__main__"}
     for number, cell in enumerate(cells):
         source, printed = "".join(cell["source"]), io.StringIO()
@@ -61,16 +88,22 @@ def main():
         except Exception:
             print(f"{notebook.name}: cell {number}:\n{source}\n{traceback.format_exc()}")
             return 1
+        figures = new_figures()
         if write:
             text = printed.getvalue().splitlines(keepends=True)
             cell["outputs"] = [{"name": "stdout", "output_type": "stream", "text": text}] if text else []
+            cell["outputs"] += map(output_of, figures)
+        elif with_figures and len(figures) != sum("image/png" in o.get("data", ()) for o in cell["outputs"]):
+            print(f"{notebook.name}: cell {number} shows another number of figures than {len(figures)}, which it draws")
+            return 1
         elif printed.getvalue() != shown_by(cell):
             print(f"{notebook.name}: cell {number} shows\n{shown_by(cell)}\nand prints\n{printed.getvalue()}")
             return 1
     if write:
         notebook.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-    print(f"{len(cells)} cells ran")
-    return 0
+    wrong = notebook_figures.wrong_in(names) if with_figures else []
+    print("\n".join(wrong) or f"{len(cells)} cells ran" + ("" if with_figures else ", without figures: no matplotlib"))
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":
