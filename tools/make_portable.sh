@@ -124,7 +124,7 @@ while read -r library; do
   folder=libraries
   [[ ! $file =~ $of_gcc ]] || folder=runtime
   cp -L "$real" "$root/$folder/$file"
-  shipped+=("$library")
+  shipped+=("$real")
 done < <(LC_ALL=C sort -u "$stage/found")
 "$strip" --strip-unneeded "$root"/libraries/* "$root"/runtime/* 2>/dev/null || true
 
@@ -136,81 +136,8 @@ glibc=$(highest 2 <"$stage/needs")
 (cd "$root" && files=$(compgen -G 'runtime/*') && "$needs" $files) >"$stage/needs_runtime" || true
 runtime_glibc=$(highest 2 <"$stage/needs_runtime")
 
-# The licence text of each package, and the common texts that it refers to. Headers of the C library are left out: they
-# describe the machine's own library. A sysroot that was only unpacked does not know its packages: then this machine's
-# list says which package has a file of this name.
-texts=("$sysroot/usr/share/doc") owners=(dpkg-query) owners_triplet=$host_triplet
-if [[ -n $sysroot ]]; then
-  texts+=(/usr/share/doc)  # for the headers of a cross compiler
-  if compgen -G "$sysroot/var/lib/dpkg/info/*.list" >/dev/null; then
-    owners=(dpkg-query "--admindir=$sysroot/var/lib/dpkg") owners_triplet=$triplet
-  fi
-fi
-known_as() {  # known_as FILE: the names that dpkg may know it by: /lib may be a link to /usr/lib, a link that of its target
-  local file=${1#"$sysroot"} real
-  real=$(inside "$1")
-  for file in "${real#"$sysroot"}" "$file"; do
-    file=${file/"/$triplet/"/"/$owners_triplet/"}
-    echo "$file"
-    if [[ $file == /usr/* ]]; then echo "${file#/usr}"; else echo "/usr$file"; fi
-  done
-}
-package_of() {  # package_of FILE
-  local file package
-  while read -r file; do
-    package=$("${owners[@]}" -S "$file" 2>/dev/null | sed -n '/^diversion/d; s/[:,].*//p' | head -n 1 || true)
-    [[ -z $package ]] || { echo "$package"; return; }
-  done < <(known_as "$1")
-}
-text_of() {  # text_of PACKAGE: its own, or that of another package from the same source (Ubuntu's libssl-dev has a dangling link)
-  local other from folder
-  from=$("${owners[@]}" -W -f '${source:Package}\n' "$1" 2>/dev/null | head -n 1 || true)
-  for other in "$1" $("${owners[@]}" -W -f '${source:Package} ${Package}\n' | awk -v from="$from" 'from != "" && $1 == from { print $2 }'); do
-    for folder in "${texts[@]}"; do
-      [[ ! -s $folder/$other/copyright ]] || { echo "$folder/$other/copyright"; return; }
-    done
-  done
-}
-header_packages() {  # the packages of the headers that were compiled in, from the sysroot and from this machine
-  local headers file
-  headers=$(ninja -C "$headers_of" -t deps | sed -n "s|^ \+\(\($sysroot\)\?/usr/.*\)|\1|p" | LC_ALL=C sort -u)
-  [[ -n $headers ]] || fail "$headers_of is not a Ninja build, or nothing is built there"
-  {
-    if [[ -n $sysroot ]]; then
-      { grep "^$sysroot/" <<<"$headers" || true; } | xargs -r readlink -f | while read -r file; do
-        file=${file#"$sysroot"}
-        echo "${file/"/$triplet/"/"/$owners_triplet/"}"
-      done | { xargs -r "${owners[@]}" -S 2>/dev/null || true; }
-      headers=$(grep -v "^$sysroot/" <<<"$headers" || true)
-    fi
-    xargs -r readlink -f <<<"$headers" | { xargs -r dpkg-query -S 2>/dev/null || true; }
-  } | sed '/^diversion/d; s/[:,].*//' | { grep -vE '^(libc6-dev|linux-libc-dev)(-[a-z0-9]+-cross)?$' || true; }
-}
-cp "$source/LICENSE" "$root/licences/accessvdb"
-cp "$source/docs/licences.md" "$root/licences/licences.md"
-if command -v dpkg-query >/dev/null; then
-  {
-    for library in "${shipped[@]}"; do
-      package=$(package_of "$library")
-      [[ -n $package ]] ||
-        fail "no package owns $library, so its licence is unknown. Use the distribution's package of it."
-      echo "$package"
-    done
-    [[ -z $headers_of ]] || header_packages
-  } >"$stage/packages"
-  while read -r package; do
-    text=$(text_of "$package")
-    [[ -n $text ]] || fail "package '$package' has no licence text in ${texts[0]}/$package/copyright. Install it again: apt-get install --reinstall $package"
-    cp -L "$text" "$root/licences/$package"
-  done < <(LC_ALL=C sort -u "$stage/packages")
-  for common in $(grep -ohE '/usr/share/common-licenses/[A-Za-z0-9.-]*[A-Za-z0-9]' "$root"/licences/* | LC_ALL=C sort -u); do
-    [[ -e $common ]] || continue
-    mkdir -p "$root/licences/common-licenses"
-    cp -L "$common" "$root/licences/common-licenses/"
-  done
-else
-  echo "make_portable: warning: no dpkg here, so the licence texts of the libraries are missing: do not pass the archive on" >&2
-fi
+"$source/tools/collect_licences.sh" "$root/licences" ${sysroot:+--sysroot "$sysroot" --triplet "$triplet"} \
+  ${headers_of:+--headers-of "$headers_of"} "${shipped[@]}" || fail "no licences, see above"
 chmod -R u+rwX,go+rX,go-w "$root"
 
 glibcxx=$(highest 4 <"$stage/needs")

@@ -77,7 +77,9 @@ try:
 except ImportError as _error:
     # accessvdb.tiles only starts programs, also on machines without the compiled module. All else needs it: whoever asks
     # for a name of it gets the error that importing it gave.
-    _import_error = _error
+    from ._errors import import_error as _in_words
+
+    _import_error = _in_words(_error, __file__)
 
     def __getattr__(name):
         from importlib.util import find_spec

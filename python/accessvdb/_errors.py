@@ -2,6 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exceptions of accessvdb: one base class, one subclass per kind of failure."""
 
+import platform
+import re
+import sys
+from pathlib import Path
+
 
 class Error(Exception):
     """Anything that went wrong in accessvdb. str() is one line: what is wrong, and what to do."""
@@ -65,3 +70,26 @@ class InternalError(Error):
 ALL = (Error, InvalidArgument, InputError, UnusableInput, ResourceLimit, DeviceError, OutputError, InternalError)
 for _class in ALL:
     _class.__module__ = "accessvdb"
+
+
+def import_error(error: ImportError, package: str) -> ImportError:
+    """What the loader said of the compiled module, in one line that says what to do.
+
+    package: the __file__ of the package"""
+    build = "build it here: docs/python.md of the sources"
+    lacks = re.search(r"version [`']((?:GLIBC|GLIBCXX|CXXABI)_[0-9.]+)' not found", str(error))
+    if lacks:
+        return ImportError(
+            f"accessvdb: this system is too old for this module: it has glibc {platform.libc_ver()[1]} and lacks {lacks[1]}. "
+            f"Use Debian 12, Ubuntu 22.04 or newer, or {build}.",
+            name=error.name,
+            path=error.path,
+        )
+    others = sorted(Path(package).parent.glob("_accessvdb.*.so"))
+    if isinstance(error, ModuleNotFoundError) and error.name == "accessvdb._accessvdb" and others:
+        return ModuleNotFoundError(
+            f"accessvdb: {others[0].name} is for another Python; this is {sys.implementation.cache_tag} on "
+            f"{platform.machine()}. Install the wheel for it, or {build}.",
+            name=error.name,
+        )
+    return error

@@ -6,6 +6,7 @@ The build folder is build/python-TAG in the source tree, so a second install com
 configures it again, so no earlier setting persists. Settings, with pip's --config-settings or the environment:
   build-dir=DIR   ACCESSVDB_BUILD_DIR   another build folder
   cmake-args=...  CMAKE_ARGS            more arguments for CMake, as on a command line: "-DACCESSVDB_CUDA=OFF"
+  portable=ON     ACCESSVDB_PORTABLE    a wheel for other machines, with all libraries and licences in it, without a GPU
 """
 
 import base64
@@ -22,12 +23,14 @@ import tempfile
 import zipfile
 from pathlib import Path
 
+import portable_wheel
+
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "accessvdb"
 LICENCE = ROOT / "LICENSE"
 # Contents of a source archive: everything that the module is built from.
 SOURCES = ["CHANGELOG.md", "CMakeLists.txt", "LICENSE", "README.md", "cmake", "include",
-           "nanovdb_kernels", "pyproject.toml", "python", "src", "tools/setup_debian.sh"]  # fmt: skip
+           "nanovdb_kernels", "pyproject.toml", "python", "src", "docs/licences.md", "tools/collect_licences.sh", "tools/setup_debian.sh"]  # fmt: skip
 BYTES_PER_JOB = 2 << 30  # a translation unit with OpenVDB takes up to this much
 
 
@@ -40,10 +43,18 @@ def version():
     return found.group(1) if found else fail("CMakeLists.txt names no version.")
 
 
-def wheel_tag():
+def setting(settings, name, variable):
+    return (settings or {}).get(name) or os.environ.get(variable) or ""
+
+
+def is_portable(settings):
+    return setting(settings, "portable", "ACCESSVDB_PORTABLE").upper() in ("ON", "1", "YES", "TRUE")
+
+
+def wheel_tag(platform=None):
     """cp311-cp311-linux_x86_64: this interpreter, on this machine; the libraries are the distribution's."""
     python = f"cp{sys.version_info.major}{sys.version_info.minor}"
-    return f"{python}-{python}-{re.sub('[-.]', '_', sysconfig.get_platform())}"
+    return f"{python}-{python}-{platform or re.sub('[-.]', '_', sysconfig.get_platform())}"
 
 
 def metadata():
@@ -63,12 +74,12 @@ def metadata():
     return "\n".join(header) + "\n\n" + (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def write_dist_info(folder):
+def write_dist_info(folder, tag):
     """Everything but RECORD, which is added with the wheel."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "METADATA").write_text(metadata(), encoding="utf-8")
     (folder / "WHEEL").write_text(
-        f"Wheel-Version: 1.0\nGenerator: accessvdb {version()}\nRoot-Is-Purelib: false\nTag: {wheel_tag()}\n"
+        f"Wheel-Version: 1.0\nGenerator: accessvdb {version()}\nRoot-Is-Purelib: false\nTag: {tag}\n"
     )
     shutil.copy(LICENCE, folder / "LICENSE")
 
@@ -92,8 +103,9 @@ def jobs():
 
 
 def build(prefix, settings):
-    folder = settings.get("build-dir") or os.environ.get("ACCESSVDB_BUILD_DIR") or ROOT / "build" / f"python-{wheel_tag()}"
-    more = shlex.split(settings.get("cmake-args") or os.environ.get("CMAKE_ARGS") or "")
+    """Returns the build folder; what was built is below prefix."""
+    folder = Path(setting(settings, "build-dir", "ACCESSVDB_BUILD_DIR") or ROOT / "build" / f"python-{wheel_tag()}")
+    more = shlex.split(setting(settings, "cmake-args", "CMAKE_ARGS"))
     options = {
         "CMAKE_BUILD_TYPE": "Release",
         "CMAKE_CXX_COMPILER_LAUNCHER": shutil.which("ccache") or "",
@@ -105,6 +117,7 @@ def build(prefix, settings):
         "ACCESSVDB_BUILD_TESTS": "OFF",
         "ACCESSVDB_BUILD_BENCHMARKS": "OFF",
         "ACCESSVDB_INSTALL": "OFF",
+        "ACCESSVDB_CUDA": "OFF" if is_portable(settings) else "AUTO",
     }
     os.environ.setdefault("CCACHE_BASEDIR", str(ROOT))
     generator = ["-G", "Ninja"] if shutil.which("ninja") else []
@@ -112,6 +125,19 @@ def build(prefix, settings):
     run("cmake", "--fresh", "-S", str(ROOT), "-B", str(folder), *generator, *given, *more)
     run("cmake", "--build", str(folder), "--target", "accessvdb_python", "-j", str(jobs()))
     run("cmake", "--install", str(folder), "--component", "python", "--prefix", str(prefix), "--strip")
+    return folder
+
+
+def make_portable(tree, dist_info, build_folder):
+    """Adds the libraries and licences. Returns the platform's tag."""
+    (module,) = (tree / NAME).glob("_accessvdb.*.so")
+    try:
+        platform, libraries = portable_wheel.bundle(tree, module, os.uname().machine)
+    except portable_wheel.NotPortable as error:
+        fail(error)
+    headers = ["--headers-of", str(build_folder)] if (build_folder / "build.ninja").exists() else []
+    run(str(ROOT / "tools/collect_licences.sh"), str(dist_info / "licences"), *headers, *map(str, libraries))
+    return platform
 
 
 def record_line(path, data):
@@ -128,7 +154,7 @@ def pack_wheel(tree, wheel):
             name, data = path.relative_to(tree).as_posix(), path.read_bytes()
             entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the same bytes for the same content
             entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.external_attr = (0o755 if path.suffix == ".so" else 0o644) << 16
+            entry.external_attr = (0o755 if ".so" in path.suffixes else 0o644) << 16
             archive.writestr(entry, data)
             record += record_line(name, data)
         archive.writestr(zipfile.ZipInfo(record_name, (1980, 1, 1, 0, 0, 0)), record + f"{record_name},,\n")
@@ -139,16 +165,18 @@ def pack_wheel(tree, wheel):
 
 def prepare_metadata_for_build_wheel(metadata_directory, config_settings=None):
     name = f"{NAME}-{version()}.dist-info"
-    write_dist_info(Path(metadata_directory) / name)
+    write_dist_info(Path(metadata_directory) / name, wheel_tag())
     return name
 
 
 def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
-    name = f"{NAME}-{version()}-{wheel_tag()}.whl"
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder)
-        build(tree, config_settings or {})
-        write_dist_info(tree / f"{NAME}-{version()}.dist-info")
+        dist_info = tree / f"{NAME}-{version()}.dist-info"
+        build_folder = build(tree, config_settings or {})
+        platform = make_portable(tree, dist_info, build_folder) if is_portable(config_settings) else None
+        write_dist_info(dist_info, wheel_tag(platform))
+        name = f"{NAME}-{version()}-{wheel_tag(platform)}.whl"
         pack_wheel(tree, Path(wheel_directory) / name)
     return name
 
