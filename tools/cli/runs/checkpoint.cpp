@@ -158,7 +158,7 @@ void Checkpoints::readManifest() {
     from_ = file.parent_path() / ("state-" + std::to_string(json.at("generation").get<std::uint64_t>()) + ".avst");
     progress = progressFrom(json);
     saved = inspectState(from_);
-    if (saved.sha256 != json.at("head_sha256") || saved.scans != progress.scansFused()) {
+    if (saved.sha256 != json.at("head_sha256").get<std::string>() || saved.scans != progress.scansFused()) {
       throw damaged("belongs to another state than " + from_.filename().string());
     }
     reading_ = readingFrom(json);

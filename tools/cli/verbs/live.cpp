@@ -368,7 +368,8 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       // Those of before are of another map, also where there are none now.
       participant.publish(dds::Output::Approaches, dds::posesMessage({}, last_stamp_ns_, outgoing(session)));
       ApproachOptions options = command.approach;
-      if (options.from_W && session.levelling()) options.from_W = *session.levelling() * *options.from_W;
+      if (options.from_W && session.levelling())
+        options.from_W = Eigen::Vector3d(*session.levelling() * *options.from_W);
       const Approaches found = approaches(session.field(), options);
       std::vector<Eigen::Isometry3d> T_WT;
       for (const ApproachTarget& target : found.targets) T_WT.push_back(target.approaches.front().contact_T_WT);
@@ -381,7 +382,8 @@ std::string LiveRun::carryOut(const LiveCommand& command, LiveSession& session, 
       if (session.rolling() != nullptr) refuse("cannot be done with --rolling");
       participant.publish(dds::Output::Views, dds::posesMessage({}, last_stamp_ns_, outgoing(session)));
       ViewOptions options = command.view;
-      if (options.from_W && session.levelling()) options.from_W = *session.levelling() * *options.from_W;
+      if (options.from_W && session.levelling())
+        options.from_W = Eigen::Vector3d(*session.levelling() * *options.from_W);
       const NextViews found = nextViews(session.field(), options);
       std::vector<Eigen::Isometry3d> T_W_S;
       for (const NextView& view : found.views) T_W_S.push_back(view.T_W_S);
