@@ -20,7 +20,7 @@ endforeach()
 # Libraries of libraries are found in the root, and not in the paths of this machine.
 set(CMAKE_EXE_LINKER_FLAGS_INIT "-Wl,-rpath-link,${CMAKE_SYSROOT}/usr/lib/aarch64-linux-gnu")
 set(CMAKE_SHARED_LINKER_FLAGS_INIT ${CMAKE_EXE_LINKER_FLAGS_INIT})
-find_program(_qemu NAMES qemu-aarch64-static qemu-aarch64)
+find_program(_qemu NAMES qemu-aarch64 qemu-aarch64-static NAMES_PER_DIR)
 if(_qemu)
   set(CMAKE_CROSSCOMPILING_EMULATOR ${_qemu};-L;${CMAKE_SYSROOT})
 endif()

@@ -58,7 +58,7 @@ TEST(PointsPly, SeveralToolsAreTheLastColumns) {
   }
   field.points.front().tool = 32;  // no field has so many
   io::writePointsPly(folder / "points.ply", field, {{"tools", "a,b"}});
-  EXPECT_THROW((void)io::readPointsPly(folder / "points.ply"), InputError);
+  EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "points.ply")), InputError);
 }
 
 TEST(PointsPly, ColumnsAreThoseOfTheInterface) {
@@ -149,7 +149,7 @@ TEST(PointsPly, SayHowLikelyTheToolReachesAPoint) {
     FieldSnapshot wrong = field;
     wrong.points[n].access_probability = probability;
     io::writePointsPly(folder / "wrong.ply", wrong, metadata);
-    EXPECT_THROW((void)io::readPointsPly(folder / "wrong.ply"), InputError) << n << " " << probability;
+    EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "wrong.ply")), InputError) << n << " " << probability;
   };
   refuses(0, 0.5F);  // unscored
   for (const float probability : {1.5F, -0.5F, std::nanf("")}) refuses(1, probability);
@@ -259,7 +259,7 @@ TEST(PointsPly, EveryTruncationIsAnInputError) {
   const std::string whole = contentOf(folder / "a.ply");
   for (std::size_t size = 0; size < whole.size(); ++size) {
     std::ofstream(folder / "cut.ply", std::ios::binary) << whole.substr(0, size);
-    EXPECT_THROW(io::readPointsPly(folder / "cut.ply"), InputError) << size;
+    EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "cut.ply")), InputError) << size;
   }
 }
 
@@ -272,7 +272,7 @@ TEST(PointsPly, DamageIsAnInputError) {
   const std::size_t body = whole.find("end_header\n") + 11;
   const auto refused = [&](std::string bytes) {
     std::ofstream(folder / "bad.ply", std::ios::binary | std::ios::trunc) << bytes;
-    EXPECT_THROW(io::readPointsPly(folder / "bad.ply"), InputError);
+    EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "bad.ply")), InputError);
   };
   const auto replaced = [&](const std::string& from, const std::string& to) {
     std::string bytes = whole;
@@ -298,8 +298,8 @@ TEST(PointsPly, DamageIsAnInputError) {
   std::memcpy(bytes.data() + body + 8, &nan, 8);  // y
   refused(bytes);
   refused("");
-  EXPECT_THROW(io::readPointsPly(folder / "missing.ply"), InputError);
-  EXPECT_THROW(io::readPointsPly(folder.path()), InputError);
+  EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "missing.ply")), InputError);
+  EXPECT_THROW(static_cast<void>(io::readPointsPly(folder.path())), InputError);
 }
 
 }  // namespace
