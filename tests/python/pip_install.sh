@@ -12,7 +12,7 @@ unset PYTHONPATH
 
 # A copy, because it builds in the source tree: in build/, as deep as the earlier build, so that ccache knows the files.
 tar -C "$SOURCE" --exclude=__pycache__ -cf - CMakeLists.txt CHANGELOG.md LICENSE README.md pyproject.toml cmake include \
-  nanovdb_kernels python src tools/setup_debian.sh | tar -C "$out/sources" -xf -
+  nanovdb_kernels python src docs/licences.md tools/collect_licences.sh tools/setup_debian.sh | tar -C "$out/sources" -xf -
 "$PYTHON" -m venv --system-site-packages "$out/environment"
 pip=("$out/environment/bin/python" -m pip --disable-pip-version-check)
 export PIP_NO_INDEX=1 PIP_CONFIG_FILE=/dev/null
@@ -20,7 +20,7 @@ arguments="-DACCESSVDB_CUDA=OFF -DACCESSVDB_WARNINGS_AS_ERRORS=${WARNINGS_AS_ERR
 settings=(--config-settings "cmake-args=$arguments")
 (cd "$out/sources" && "${pip[@]}" install "${settings[@]}" -v . >"$out/pip.log" 2>&1) || { tail -40 "$out/pip.log"; exit 1; }
 left=$(cd "$out/sources" && LC_ALL=C ls)
-wanted=$(printf '%s\n' CHANGELOG.md CMakeLists.txt LICENSE README.md build cmake include nanovdb_kernels pyproject.toml python src tools)
+wanted=$(printf '%s\n' CHANGELOG.md CMakeLists.txt LICENSE README.md build cmake docs include nanovdb_kernels pyproject.toml python src tools)
 [[ $left == "$wanted" ]] || { echo "left behind in the sources: $left"; exit 1; }
 # Only what the module needs was built.
 [[ -n $(find "$out/sources/build" -name '*.o') ]]

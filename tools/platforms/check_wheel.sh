@@ -4,7 +4,8 @@
 # Installs a portable wheel in a root of a distribution that has only Python, NumPy and pip, labels the demo's scans there,
 # and says how long that took. The same with a processor without AVX, by qemu.
 #   check_wheel.sh WHEEL PROGRAMS [SUITE [MIRROR]]     PROGRAMS: the folder of accessvdb and make_sample_scans
-# SUITE: bookworm unless given; its python3 has to be that of the wheel. points.ply is that of `accessvdb map`, byte for
+# SUITE: bookworm unless given; its python3 has to be that of the wheel. MIRROR may be a line of sources.list: "deb
+# [trusted=yes] http://archive.ubuntu.com/ubuntu jammy main universe". points.ply is that of `accessvdb map`, byte for
 # byte. Needs root, mmdebstrap and qemu-user-static; roots are kept in build/roots.
 set -euo pipefail
 fail() {
