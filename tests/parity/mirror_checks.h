@@ -42,7 +42,8 @@ TreeCensus walkTree(const nanovdb::NanoGrid<Build>& grid) {
   const auto& root = grid.tree().root();
   for (std::uint32_t t = 0; t < root.tileCount(); ++t) {
     const auto* tile = root.data()->tile(t);
-    const auto& upper = *root.data()->getChild(tile);
+    // Only what is not const has beginChild() in each of NanoVDB's releases.
+    auto& upper = const_cast<nanovdb::NanoUpper<Build>&>(*root.data()->getChild(tile));
     if (tile->child == 0) census.problem = "a root tile without a child";
     if (!census.problem.empty() || !placed(upper, tile->origin())) return census;
     ++census.uppers;
