@@ -231,7 +231,7 @@ void addViewRow(TableContext& context, const ViewedScene& viewed) {
   for (const Eigen::Isometry3d& T_W_S : viewed.flight) box_W.extend(T_W_S.translation());
   const CollisionField exact(viewed.scene.distance, box_W, std::max(viewed.body_m / 4, 0.01));
   std::vector<double> ratios, errors, shares, bounds;
-  std::size_t poses = 0, touching = 0, stuck = 0;
+  std::size_t poses = 0, touching = 0, without_view = 0;
   std::mt19937 engine(11);
   for (int k = 0; k < kTrials; ++k) {
     context.options.observer.checkStop();
@@ -250,7 +250,7 @@ void addViewRow(TableContext& context, const ViewedScene& viewed) {
       touching += exact.below(view.T_W_S.translation(), viewed.body_m) ? 1 : 0;
     }
     if (found.views.empty()) {
-      ++stuck;
+      ++without_view;
       continue;
     }
     const NextView& first = found.views.front();
@@ -286,6 +286,7 @@ void addViewRow(TableContext& context, const ViewedScene& viewed) {
   row.method = "product";
   row.voxel_m = viewed.voxel_m;
   row.more = {{"trials", double(kTrials)},
+              {"trials_without_a_view", double(without_view)},
               {"median_against_random", medianOf(ratios)},
               {"best_random_against_median_random", medianOf(bounds)},
               {"three_against_best_ten_percent", medianOf(shares)},
@@ -294,14 +295,14 @@ void addViewRow(TableContext& context, const ViewedScene& viewed) {
               {"touching", double(touching)}};
   row.must_hold = medianOf(ratios) >= 2 && medianOf(shares) >= 60 && medianOf(errors) <= 0.3 && touching == 0;
   context.rows.push_back(row);
-  char line[400];
+  char line[480];
   std::snprintf(
       line, sizeof line,
       "%s at %g mm: a proposed view resolves %.1f times as much as a random one (the best of %zu random ones "
       "%.1f times as much as their median), three %.0f %% of what the best ten of them do, predicted to %.0f %%, "
-      "%zu of %zu poses touch the scene",
+      "%zu of %zu poses touch the scene, %zu of %d trials got no view",
       viewed.name.c_str(), 1000 * viewed.voxel_m, medianOf(ratios), kRandomViews, medianOf(bounds), medianOf(shares),
-      100 * medianOf(errors), touching, poses);
+      100 * medianOf(errors), touching, poses, without_view, kTrials);
   context.options.observer.say(line);
 }
 
