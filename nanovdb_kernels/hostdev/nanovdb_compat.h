@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The only file on the kernel side that includes NanoVDB, of which 32.4 (with OpenVDB 10) to 32.9 (with 13) were tried.
+/// The only file on the kernel side that includes NanoVDB; 32.4 (with OpenVDB 10) to 32.9 (with 13) were tried.
 /// Code uses the names that all of them have; here is what was renamed on the way.
 #pragma once
 
@@ -8,7 +8,7 @@
 #include <cstdint>
 
 #if NANOVDB_MAJOR_VERSION_NUMBER != 32 || NANOVDB_MINOR_VERSION_NUMBER < 4
-#error "AccessVDB needs NanoVDB 32.4 or a later 32.x (OpenVDB 10 to 13). Install one, or set ACCESSVDB_NANOVDB_INCLUDE_DIR."
+#error "AccessVDB needs NanoVDB 32.4 to 32.9 (OpenVDB 10 to 13). Name one by ACCESSVDB_NANOVDB_INCLUDE_DIR."
 #endif
 
 #if defined(__CUDACC__)
