@@ -55,7 +55,7 @@ struct GridLayout {
     Head head;
     auto* grid = reinterpret_cast<GridData*>(head.bytes);
     grid->mMagic = kernels::kGridMagic;
-    std::memset(static_cast<void*>(&grid->mChecksum), 0xFF, sizeof(grid->mChecksum));  // disabled: patches would change it
+    std::memset(static_cast<void*>(&grid->mChecksum), 0xFF, sizeof(grid->mChecksum));  // disabled: patches change it
     grid->mVersion = nanovdb::Version();
     grid->mFlags = 0;  // not breadth first, no boxes, no extrema: only the voxels are kept up to date
     grid->mGridIndex = 0;
