@@ -24,13 +24,10 @@ if(NOT ACCESSVDB_HAS_PCL AND PROJECT_IS_TOP_LEVEL)
 endif()
 
 # OpenVDB installs its Find module next to the libraries, outside CMake's own path.
-set(_openvdb_modules "")
-foreach(_prefix IN LISTS CMAKE_PREFIX_PATH)
-  list(APPEND _openvdb_modules ${_prefix}/lib*/cmake/OpenVDB)
+foreach(_prefix IN LISTS CMAKE_PREFIX_PATH ITEMS ${CMAKE_SYSROOT}/usr/local ${CMAKE_SYSROOT}/usr)  # in this order: GLOB sorts
+  file(GLOB _openvdb_modules ${_prefix}/lib*/cmake/OpenVDB ${_prefix}/lib/*/cmake/OpenVDB)
+  list(APPEND CMAKE_MODULE_PATH ${_openvdb_modules})
 endforeach()
-file(GLOB _openvdb_modules ${_openvdb_modules} ${CMAKE_SYSROOT}/usr/lib/*/cmake/OpenVDB ${CMAKE_SYSROOT}/usr/lib/cmake/OpenVDB
-  ${CMAKE_SYSROOT}/usr/local/lib*/cmake/OpenVDB)
-list(APPEND CMAKE_MODULE_PATH ${_openvdb_modules})
 find_package(OpenVDB QUIET COMPONENTS openvdb nanovdb)
 if(NOT OpenVDB_FOUND)
   message(FATAL_ERROR "AccessVDB needs OpenVDB with NanoVDB. On Debian and Ubuntu: apt install libopenvdb-dev libnanovdb-dev")

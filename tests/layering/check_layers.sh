@@ -111,7 +111,7 @@ check_includes() {
     BEGIN {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl ompl:ompl octomap:octomap lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
                 "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
-                "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json " \
+                "pybind11:pybind openssl:openssl immintrin.h:simd arm_neon.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json " \
                 "bzlib.h:bzip2 lz4frame.h:lz4 sqlite3.h:sqlite zlib.h:zlib zstd.h:zstd fastdds:fastdds fastrtps:fastdds gdal.h:gdal ogr_api.h:gdal ogr_srs_api.h:gdal", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h malloc.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")

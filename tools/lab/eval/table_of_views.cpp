@@ -3,7 +3,6 @@
 /// Where to look next: what proposed views resolve once they are simulated, against random ones from free space, and
 /// against what was predicted. No proposed pose may touch the exact scene.
 #include <tbb/parallel_for.h>
-#include <unistd.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -105,7 +104,8 @@ class ViewTrial {
       : viewed_(viewed),
         caster_(caster),
         tool_(ToolGeometry::builtin(viewed.tool)),
-        state_(std::filesystem::temp_directory_path() / ("accessvdb_views_" + std::to_string(::getpid()) + ".state")),
+        state_(std::filesystem::temp_directory_path() /
+               ("accessvdb_views_" + std::to_string(std::random_device{}()) + ".state")),
         params_(clearedParams(context, viewed.voxel_m)) {
     params_.tsdf.clear_rays_m = viewed.clear_m;
     params_.tsdf.platform_radius_m = viewed.platform_m;

@@ -143,7 +143,9 @@ class Tree {
     for (int n = 0; n < pieces; ++n) {
       const double begin = double(n) / pieces, end = double(n + 1) / pieces;
       direction = raised(insertion, kBranchUpturn * begin);
-      direction = tilted(direction, random_.between(0, 3 * kDegree), random_.between(0, 2 * std::numbers::pi));
+      // One number per statement, here and below: the order within an expression is the compiler's.
+      const double turned = random_.between(0, 2 * std::numbers::pi), by = random_.between(0, 3 * kDegree);
+      direction = tilted(direction, by, turned);
       const Vector3d next = at + piece_m * direction;
       tree_.branches.push_back({at, next, radius(begin), radius(end)});
       at = next;
@@ -177,8 +179,8 @@ class Tree {
       at = next;
       if (n + 1 == pieces) break;
       const double angle = random_.between(kShootAngleMin, kShootAngleMax);
-      growShoot(at, tilted(direction, angle, random_.between(0, 2 * std::numbers::pi)),
-                random_.between(kShootLengthMin, kShootLengthMax));
+      const double shoot_m = random_.between(kShootLengthMin, kShootLengthMax);
+      growShoot(at, tilted(direction, angle, random_.between(0, 2 * std::numbers::pi)), shoot_m);
     }
     growShoot(at, direction, random_.between(kShootLengthMin, kShootLengthMax));
   }

@@ -100,9 +100,11 @@ TriangleMesh makeUndergrowth(std::uint64_t seed) {
   TriangleMesh mesh;
   for (int n = 0; n < kPlants; ++n) appendPlant(somewhere(), random, mesh);
   for (int n = 0; n < kTwigs; ++n) {
-    const Vector3d from = somewhere() + Vector3d(0, 0, random.uniform(0, 0.08));
+    const double height_m = random.uniform(0, 0.08);  // one number per statement: the order is not the compiler's
+    const Vector3d from = somewhere() + Vector3d(0, 0, height_m);
     const double length_m = random.uniform(0.15, 0.9), radius_m = random.uniform(0.003, 0.015);
-    const Vector3d to = from + length_m * towards(random.uniform(0, kTurn), random.uniform(-3, 8) * kDegree);
+    const double rise = random.uniform(-3, 8) * kDegree, turn = random.uniform(0, kTurn);
+    const Vector3d to = from + length_m * towards(turn, rise);
     appendRoundCone({from, to, radius_m, 0.7 * radius_m}, kChordError_m, mesh);
   }
   return mesh;
