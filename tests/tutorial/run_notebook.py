@@ -79,7 +79,7 @@ def main():
     os.environ["MPLBACKEND"] = "Agg"  # draws into memory
     warnings.simplefilter("error")
     with_figures = is_there("matplotlib")
-    names = {"__name__": "__main__"}
+    names, drawn = {"__name__": "__main__"}, 0
     for number, cell in enumerate(cells):
         source, printed = "".join(cell["source"]), io.StringIO()
         try:
@@ -89,6 +89,7 @@ def main():
             print(f"{notebook.name}: cell {number}:\n{source}\n{traceback.format_exc()}")
             return 1
         figures = new_figures()
+        drawn += len(figures)
         if write:
             text = printed.getvalue().splitlines(keepends=True)
             cell["outputs"] = [{"name": "stdout", "output_type": "stream", "text": text}] if text else []
@@ -101,7 +102,7 @@ def main():
             return 1
     if write:
         notebook.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-    wrong = notebook_figures.wrong_in(names) if with_figures else []
+    wrong = notebook_figures.wrong_in(names) if drawn else []
     print("\n".join(wrong) or f"{len(cells)} cells ran" + ("" if with_figures else ", without figures: no matplotlib"))
     return 1 if wrong else 0
 
