@@ -251,8 +251,8 @@ def recordings(out, scans_poses):
         folder = out / "recording" / name.replace(".", "_")
         folder.mkdir(parents=True)
         writer = ["/usr/bin/python3", here / "write_ros1.py"] if name.endswith("bag") else ["node", here / "write_ros2.mjs", npm]
-        done = subprocess.run([*map(str, writer), str(scans_poses), str(folder / name), *options.split()], capture_output=True)
-        if done.returncode != 0:
+        command = [*map(str, writer), str(scans_poses), str(folder / name), *options.split()]
+        if shutil.which(command[0]) is None or subprocess.run(command, capture_output=True).returncode != 0:
             shutil.rmtree(folder)
             print(f"corpus: left out {name}: its writer is missing", file=sys.stderr)
             continue

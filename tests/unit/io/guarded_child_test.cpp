@@ -120,7 +120,7 @@ TEST(GuardedChild, SaysWhyThereIsNoResult) {
   EXPECT_EQ(crashed.text, "the library that reads it crashed on it");
   const auto hungry = runInChild({}, []() -> std::string { return std::string(std::size_t{3} << 30, 'x'); });
   EXPECT_FALSE(hungry.ok);
-  const auto slow = runInChild({1s, 1 << 20}, []() -> std::string {
+  const auto slow = runInChild({1s, 64 << 20}, []() -> std::string {
     std::this_thread::sleep_for(60s);
     return {};
   });
