@@ -39,7 +39,7 @@ python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
 tests=(blender libgtest-dev libbenchmark-dev binutils bzip2 ccache mold clang-format cyclonedds-dev cyclonedds-tools
   dpkg-dev file gdal-bin libopenvdb-tools lz4
   mmdebstrap mypy patchelf proj-bin python3-distributed python3-matplotlib python3-nav-msgs python3-openvdb python3-rosbag python3-sensor-msgs
-  python3-tf2-msgs sqlite3 zstd)
+  python3-tf2-msgs sqlite3 xxd zstd)
 # Ubuntu's Chromium is a snap, which cannot be driven from outside; tests that draw pages are skipped there.
 grep -qx 'ID=ubuntu' /etc/os-release 2>/dev/null || tests+=(chromium)
 list=false with_tests=false

@@ -7,7 +7,10 @@ import os
 import shutil
 import subprocess
 
-import pyopenvdb
+try:
+    import pyopenvdb
+except ImportError:
+    import openvdb as pyopenvdb  # its name since OpenVDB 12
 
 import hook
 from field_under_test import APPROACHES, EDGE_OF_TILES_M, FIELD, FIELD_IN_TILES, FIELD_Y_UP, TOOL, VOLUME, WORK

@@ -12,7 +12,7 @@ case $host in
   python)
     # Debian's modules belong to Debian's Python, whichever Python is first on the PATH.
     for python in /usr/bin/python3 python3; do
-      if "$python" -c 'import numpy, pyopenvdb' 2>/dev/null; then exec "$python" "$script"; fi
+      if "$python" -c 'import numpy, importlib.util as u; assert u.find_spec("pyopenvdb") or u.find_spec("openvdb")' 2>/dev/null; then exec "$python" "$script"; fi
     done
     echo "no Python with numpy and pyopenvdb. $advice" >&2
     exit 1

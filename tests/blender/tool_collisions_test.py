@@ -8,7 +8,10 @@ import json
 import unittest
 
 import numpy as np
-import pyopenvdb
+try:
+    import pyopenvdb
+except ImportError:
+    import openvdb as pyopenvdb  # its name since OpenVDB 12
 
 from accessvdb_import.points_ply import read_points
 from field_under_test import PLACED_TOOLS, POINTS, VOLUME, run_tests

@@ -6,7 +6,10 @@ import subprocess
 import unittest
 
 import numpy as np
-import pyopenvdb
+try:
+    import pyopenvdb
+except ImportError:
+    import openvdb as pyopenvdb  # its name since OpenVDB 12
 
 from accessvdb_import.points_ply import NO_SCORE, read_points
 from field_under_test import GRIDS, POINTS, VOLUME, run_tests

@@ -16,7 +16,7 @@ command -v vdb_print >/dev/null || fail "vdb_print is missing. On Debian and Ubu
 # The Python that the distribution's module is for; it need not be the first one on the path.
 python=
 for candidate in /usr/bin/python3 python3; do
-  if "$candidate" -c 'import pyopenvdb, numpy' 2>/dev/null; then python=$candidate; break; fi
+  if "$candidate" -c 'import numpy, importlib.util as u; assert u.find_spec("pyopenvdb") or u.find_spec("openvdb")' 2>/dev/null; then python=$candidate; break; fi
 done
 [[ -n $python ]] || fail "no Python imports pyopenvdb and numpy. On Debian and Ubuntu: apt install python3-openvdb python3-numpy"
 

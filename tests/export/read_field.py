@@ -9,7 +9,10 @@ import math
 import sys
 
 import numpy
-import pyopenvdb
+try:
+    import pyopenvdb
+except ImportError:
+    import openvdb as pyopenvdb  # its name since OpenVDB 12
 
 FOGS = {"density", "accessible", "blocked"}
 COUNTS = {"score", "weight"}  # never halves

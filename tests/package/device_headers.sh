@@ -20,6 +20,6 @@ __global__ void ask(accessvdb::DeviceView view, const double* p_W, int* out) {
 }
 END
 "$CXX" -std=c++20 -O1 -Wall -Wextra -Werror "-I$WORK/moved/include" -c "$out/alone.cpp" -o "$out/alone.o"
-if [[ -n ${CUDACXX:-} ]]; then
+if command -v "${CUDACXX:-}" >/dev/null; then  # without nvcc CMake says NOTFOUND
   "$CUDACXX" -std=c++20 -Werror=all-warnings "-I$WORK/moved/include" -c "$out/alone.cu" -o "$out/alone_cuda.o"
 fi

@@ -26,19 +26,33 @@ std::string groupOf(const std::string& name) {
   return std::string(kFlagGroups.back());
 }
 
-/// Headings in the order of kFlagGroups, not in that of the flags.
-class GroupedHelp final : public CLI::Formatter {
+/// The same text with every release of the parser, of which those after 2.3 break lines elsewhere. With many flags
+/// their headings are in the order of kFlagGroups, not in that of the flags.
+class Help final : public CLI::Formatter {
  public:
-  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode) const override {
-    std::string text = make_description(app) + make_usage(app, std::move(name)) + make_positionals(app);
-    for (const std::string_view group : kFlagGroups) {
-      const auto belongs = [&](const CLI::Option* option) {
-        return option->nonpositional() && option->get_group() == group;
-      };
-      const std::vector<const CLI::Option*> options = app->get_options(belongs);
-      if (!options.empty()) text += make_group(std::string(group), false, options);
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
+    std::string text = app->get_description() + "\n" + make_usage(app, std::move(name)) + make_positionals(app);
+    if (app->get_options().size() >= kManyFlags) {
+      for (const std::string_view group : kFlagGroups) {
+        const auto belongs = [&](const CLI::Option* option) {
+          return option->nonpositional() && option->get_group() == group;
+        };
+        const std::vector<const CLI::Option*> options = app->get_options(belongs);
+        if (!options.empty()) text += make_group(std::string(group), false, options);
+      }
+    } else {
+      text += make_groups(app, mode);
     }
-    return text + "\n" + make_footer(app);
+    return text + "\n" + app->get_footer() + "\n";
+  }
+
+  std::string make_option(const CLI::Option* option, bool is_positional) const override {
+    const std::string blank(get_column_width(), ' '), description = make_option_desc(option);
+    std::string text = "  " + make_option_name(option, is_positional) + make_option_opts(option);
+    if (text.size() >= blank.size() && !description.empty()) text += "\n" + blank;
+    if (text.size() < blank.size()) text.resize(blank.size(), ' ');
+    for (const char c : description) c == '\n' ? text += "\n" + blank : text += c;
+    return text + "\n";
   }
 };
 
@@ -82,6 +96,7 @@ void FlagParser::describe(const std::string& verb, const std::string& purpose, c
   parser_->app.name(command());
   parser_->app.description(purpose);
   parser_->app.footer("Example:\n  " + example);
+  parser_->app.formatter(std::make_shared<Help>());
 }
 
 void FlagParser::option(const std::string& name, Target value, const std::string& help) {
@@ -113,7 +128,6 @@ std::string FlagParser::help() const {
   CLI::App& app = parser_->app;
   if (const auto options = app.get_options(); options.size() >= kManyFlags) {
     for (CLI::Option* option : app.get_options(nullptr)) option->group(groupOf(option->get_single_name()));
-    app.formatter(std::make_shared<GroupedHelp>());
   }
   return app.help();
 }
