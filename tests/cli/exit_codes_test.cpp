@@ -109,7 +109,8 @@ TEST_F(ExitCodes, UsageBeforeAnythingIsKnown) {
   const ProgramResult verb = runProgram({"frobnicate"});
   EXPECT_EQ(verb.exit_code, 2);
   expectOneErrorLine(verb, "usage.verb");
-  EXPECT_NE(verb.err.find("map, tile, advise, live, consistency, info, query, diff, whatif, render, report and export"),
+  EXPECT_NE(verb.err.find("map, tile, advise, live, consistency, info, query, diff, approaches, views, whatif, render, "
+                          "report and export"),
             std::string::npos)
       << verb.err;
   EXPECT_EQ(runProgram(std::vector<std::string>{}).exit_code, 2);
