@@ -6,12 +6,12 @@
 #include <gtest/gtest.h>
 
 #include <bit>
-#include <cmath>
 #include <cstdint>
 #include <iostream>
 #include <random>
 
 #include "tsdf/leaf_kernels.h"
+#include "unit/tsdf/random_return.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -35,7 +35,7 @@ class RandomLeaf {
   explicit RandomLeaf(std::uint32_t seed) : random_(seed) {}
 
   std::uint32_t below(std::uint32_t end) { return random_() % end; }
-  float uniform(float low, float high) { return low + (high - low) * static_cast<float>(random_() % 65536) / 65536.0f; }
+  float uniform(float low, float high) { return internal::uniform(random_, low, high); }
   LeafBits bits() {
     LeafBits some;
     for (std::uint64_t& word : some) {
@@ -62,20 +62,7 @@ class RandomLeaf {
     c.zero_mean = static_cast<std::int32_t>(kMeanSteps / (2 + below(10)));
     return c;
   }
-  ReturnInLeaf ray() {
-    ReturnInLeaf ray;
-    float norm = 0;
-    for (std::size_t a = 0; a < 3; ++a) {
-      ray.leaf[a] = std::floor(uniform(-14, 7));
-      ray.offset[a] = uniform(-0.5f, 0.5f);
-      ray.to_sensor[a] = uniform(-1, 1);
-      norm += ray.to_sensor[a] * ray.to_sensor[a];
-    }
-    for (float& u : ray.to_sensor) u /= std::sqrt(norm);
-    ray.range = uniform(3, 900);
-    ray.box_x = {uniform(-30, -2), uniform(2, 30)};
-    return ray;
-  }
+  ReturnInLeaf ray() { return randomReturn(random_); }
 
  private:
   std::mt19937 random_;

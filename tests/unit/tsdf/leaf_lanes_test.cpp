@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tsdf/leaf_kernels.h"
+#include "unit/tsdf/random_return.h"
 
 #define ACCESSVDB_KERNEL inline
 #define ACCESSVDB_KERNEL_INLINE inline
@@ -62,24 +63,6 @@ KernelConstants someConstants() {
   constants.collision_sample = (constants.collision_mean + 15) / 16;
   constants.zero_mean = kMeanSteps / 6;
   return constants;
-}
-
-ReturnInLeaf randomReturn(std::mt19937& random) {
-  const auto uniform = [&random](float low, float high) {
-    return low + (high - low) * static_cast<float>(random() % 65536) / 65536.0f;
-  };
-  ReturnInLeaf ray;
-  float norm = 0;
-  for (std::size_t a = 0; a < 3; ++a) {
-    ray.leaf[a] = std::floor(uniform(-14, 7));
-    ray.offset[a] = uniform(-0.5f, 0.5f);
-    ray.to_sensor[a] = uniform(-1, 1);
-    norm += ray.to_sensor[a] * ray.to_sensor[a];
-  }
-  for (float& u : ray.to_sensor) u /= std::sqrt(norm);
-  ray.range = uniform(3, 900);
-  ray.box_x = {uniform(-30, -2), uniform(2, 30)};
-  return ray;
 }
 
 LeafBits randomBits(std::mt19937& random) {
