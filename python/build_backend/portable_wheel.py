@@ -51,13 +51,14 @@ def platform_tag(files, machine):
     """manylinux_2_35_x86_64: by the newest symbol of glibc. Refuses what a system of NEWEST lacks."""
     glibc = (2, 17)  # the oldest that pip has such a tag for
     for file in files:
-        for name, version in versions_needed(file).items():
+        needed = versions_needed(file)
+        for name, version in needed.items():
             if version > NEWEST[name]:
                 raise NotPortable(
                     f"{Path(file).name} needs {name}_{text_of(version)}, and a wheel may need at most "
-                    f"{name}_{text_of(NEWEST[name])}. Build it on Debian 12 or Ubuntu 22.04"
+                    f"{name}_{text_of(NEWEST[name])}. Build it on Debian 12"
                 )
-        glibc = max(glibc, versions_needed(file).get("GLIBC", glibc))
+        glibc = max(glibc, needed.get("GLIBC", glibc))
     return f"manylinux_{glibc[0]}_{glibc[1]}_{machine}"
 
 
