@@ -11,7 +11,7 @@
 #include <limits>
 #include <string>
 
-#include "tool/split_mix.h"
+#include "hostdev/mixed_bits.h"
 
 namespace accessvdb {
 namespace {
@@ -62,9 +62,9 @@ constexpr double kOffset = 1099511627776.0;  // 2^40
 std::int64_t cell(double x) { return static_cast<std::int64_t>(x + kOffset); }
 
 std::uint64_t hashOf(std::int64_t x, std::int64_t y, std::int64_t z) {
-  return internal::mixedBits(static_cast<std::uint64_t>(x) * 0x9e3779b97f4a7c15ULL +
-                             static_cast<std::uint64_t>(y) * 0xc2b2ae3d27d4eb4fULL +
-                             static_cast<std::uint64_t>(z) * 0x165667b19e3779f9ULL);
+  return kernels::mixedBits(static_cast<std::uint64_t>(x) * 0x9e3779b97f4a7c15ULL +
+                            static_cast<std::uint64_t>(y) * 0xc2b2ae3d27d4eb4fULL +
+                            static_cast<std::uint64_t>(z) * 0x165667b19e3779f9ULL);
 }
 
 std::optional<std::uint64_t> readNumber(const char* path) {

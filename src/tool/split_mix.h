@@ -5,20 +5,15 @@
 
 #include <cstdint>
 
-namespace accessvdb::internal {
+#include "hostdev/mixed_bits.h"
 
-/// Its finaliser: every bit of the argument changes about half of the bits.
-constexpr std::uint64_t mixedBits(std::uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
-  return x ^ (x >> 31);
-}
+namespace accessvdb::internal {
 
 struct SplitMix {
   std::uint64_t state;
 
   double uniform() {  ///< [0, 1), 53 bits
-    return static_cast<double>(mixedBits(state += 0x9e3779b97f4a7c15u) >> 11) * 0x1p-53;
+    return static_cast<double>(kernels::mixedBits(state += 0x9e3779b97f4a7c15u) >> 11) * 0x1p-53;
   }
 };
 

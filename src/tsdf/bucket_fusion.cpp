@@ -6,6 +6,7 @@
 #include <span>
 #include <utility>
 
+#include "hostdev/flips_hash.h"
 #include "tsdf/leaf_facts.h"
 
 namespace accessvdb::internal {
@@ -90,6 +91,7 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
   }
   if (!flipped) return;
   if (changes.visit) changes.visit(change);
+  if (changes.wants_hash) result.flips_hash += kernels::flipsHash(change);
   changes.facts.push_back(change);
 }
 

@@ -28,6 +28,7 @@ namespace accessvdb::internal {
 /// What the fusion of one bucket did.
 struct BucketResult {
   FoldCounts counts;
+  std::uint64_t flips_hash = 0;  ///< IntegrationResult::flips_hash
   std::uint64_t touched = 0, allocated = 0, new_leaves = 0;
   /// With their leaves, but not yet in the tree: linking changes nodes that other buckets read.
   std::vector<std::unique_ptr<PackedLowerNode>> new_nodes;
@@ -42,6 +43,7 @@ struct BucketChanges {
   std::vector<LeafChange> facts;
   std::vector<DistanceChange> distances;
   bool wants_distances = false;
+  bool wants_hash = false;                       ///< of `facts`
   std::function<void(const LeafChange&)> visit;  ///< null: unused; sees each of `facts` while it is in the cache
 };
 

@@ -3,7 +3,7 @@
 /// What goes into fusing a scan besides its returns, and what comes out.
 #pragma once
 
-#include <openvdb/math/Coord.h>
+#include <openvdb/Types.h>
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -22,6 +22,7 @@ struct IntegrationResult {
   std::uint64_t new_leaves = 0;
   std::uint64_t contradicted_platforms = 0;  ///< PlatformBalls::contradicted
   FoldCounts counts;
+  std::uint64_t flips_hash = 0;  ///< of `changes` (hostdev/flips_hash.h); 0 unless requested (hashFlips)
   /// Leaves with flipped facts, each at most once; in the integrator's memory, valid until the next integrate().
   std::vector<std::span<const LeafChange>> changes;
   /// Leaves with changed distances, likewise; empty unless requested (ScanIntegrator::noteDistances).

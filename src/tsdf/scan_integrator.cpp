@@ -14,6 +14,7 @@
 #include <new>
 #include <utility>
 
+#include "hostdev/flips_hash.h"
 #include "tsdf/bucket_fusion.h"
 #include "tsdf/platform_balls.h"
 #include "tsdf/projective_integrator.h"
@@ -46,6 +47,14 @@ ScanIntegrator::~ScanIntegrator() = default;
 void ScanIntegrator::noteDistances(bool wanted) {
   for (BucketChanges& changes : changes_) changes.wants_distances = wanted;
   if (projective_) projective_->noteDistances(wanted);
+}
+
+void ScanIntegrator::hashFlips(bool wanted) {
+  if (projective_) {
+    wants_hash_ = wanted;
+    return;
+  }
+  for (BucketChanges& changes : changes_) changes.wants_hash = wanted;
 }
 
 void ScanIntegrator::visitChanges(const ChangeVisitor& visit) {
@@ -121,6 +130,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     result.counts.cleared_updates += bucket.counts.cleared_updates;
     result.counts.newly_observed += bucket.counts.newly_observed;
     result.counts.flipped_voxels += bucket.counts.flipped_voxels;
+    result.flips_hash += bucket.flips_hash;
     map_.allocated_leaf_count += bucket.allocated;
     for (const auto& [origin, voxels] : bucket.left_out) {
       if (!map_.grows()) result.left_out.push_back(origin);
@@ -155,9 +165,11 @@ void ScanIntegrator::noteTouched(std::span<const BucketResult> buckets) {
 void ScanIntegrator::integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L,
                                         const ScanFrame& frame, IntegrationResult& result) {
   projective_->integrate(p_L, q_L, frame, result);
-  if (!visit_) return;
   for (const auto& part : result.changes) {
-    for (const LeafChange& change : part) visit_(0, change);
+    for (const LeafChange& change : part) {
+      if (visit_) visit_(0, change);
+      if (wants_hash_) result.flips_hash += kernels::flipsHash(change);
+    }
   }
 }
 

@@ -31,6 +31,8 @@ class ScanIntegrator {
 
   /// Whether results list the leaves with changed distances.
   void noteDistances(bool wanted);
+  /// Whether results have a hash of their flips.
+  void hashFlips(bool wanted);
 
   /// Called with the changes that integrate() will return, as soon as they are known. From several threads, but for
   /// those of a list from one at a time; list < kLists.
@@ -59,7 +61,9 @@ class ScanIntegrator {
   bool binned_ = false;  ///< bin() was called
   std::uint64_t contradicted_platforms_ = 0;
   LeafReserve reserve_;
-  ChangeVisitor visit_;  ///< only for UpdateRegion::Projective, whose changes are known last
+  // Only for UpdateRegion::Projective, whose changes are known last:
+  ChangeVisitor visit_;
+  bool wants_hash_ = false;
   struct Workers;
   std::unique_ptr<Workers> workers_;                         ///< one BucketFusion per thread
   std::unique_ptr<ProjectiveIntegrator> projective_;         ///< only for UpdateRegion::Projective

@@ -10,6 +10,7 @@
 #include <random>
 #include <vector>
 
+#include "hostdev/flips_hash.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/tsdf/loop_tsdf.h"
 
@@ -22,6 +23,7 @@ using Origin = std::array<std::int32_t, 3>;
 struct Outcome {
   std::map<Origin, std::pair<std::vector<std::uint32_t>, std::vector<std::uint64_t>>> leaves;
   std::vector<std::map<Origin, std::array<LeafBits, 4>>> flips;  // one map per scan
+  std::vector<std::uint64_t> flips_hashes;                       // one per scan
   std::uint64_t observed = 0, updates = 0, passes = 0;
   bool operator==(const Outcome&) const = default;
 };
@@ -38,11 +40,14 @@ Outcome run(const std::vector<std::vector<Eigen::Vector3f>>& scans, UpdateRegion
     PackedMap map(params);
     map.setCollisionDistance(0.005f);
     ScanIntegrator integrator(map);
+    integrator.hashFlips(true);
     for (std::size_t n = 0; n < scans.size(); ++n) {
       const Eigen::Vector3f q(0.3f, 0.2f * static_cast<float>(n), 2.0f);
       const IntegrationResult result = integrator.integrate(scans[n], {&q, 1});
       outcome.updates += result.counts.distance_updates;
       outcome.passes += result.counts.cleared_updates;
+      outcome.flips_hashes.push_back(result.flips_hash);
+      std::uint64_t flips_hash = 0;
       auto& flips = outcome.flips.emplace_back();
       for (const auto& span : result.changes) {
         for (const LeafChange& c : span) {
@@ -50,8 +55,10 @@ Outcome run(const std::vector<std::vector<Eigen::Vector3f>>& scans, UpdateRegion
               flips.emplace(c.origin_ijk, std::array{c.collides_on, c.collides_off, c.arm_free_on, c.arm_free_off})
                   .second;
           EXPECT_TRUE(first) << "a leaf twice in one scan";
+          flips_hash += kernels::flipsHash(c);
         }
       }
+      EXPECT_EQ(result.flips_hash, flips_hash);
     }
     outcome.observed = map.observed_voxels;
     for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "hostdev/flips_hash.h"
 #include "tsdf/projective_integrator.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/tsdf/loop_tsdf.h"
@@ -323,6 +324,7 @@ TEST(Projective, ChangesAreTheDifferenceOfTheFacts) {
   PackedMap map(params);
   map.setCollisionDistance(kCollisionDistance_m);
   ScanIntegrator integrator(map);
+  integrator.hashFlips(true);
   std::array<std::size_t, 4> kinds = {};
   std::vector<Scan> scans = threeScans(0.01);
   scans.push_back(scans[0]);
@@ -333,11 +335,14 @@ TEST(Projective, ChangesAreTheDifferenceOfTheFacts) {
     const FactMap before = allFacts(map);
     const IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1}, {scan.R_W_S, {0, 0, 0}});
     std::map<Ijk, LeafChange> changes;
+    std::uint64_t flips_hash = 0;
     for (const auto& span : result.changes) {
       for (const LeafChange& change : span) {
         ASSERT_TRUE(changes.emplace(change.origin_ijk, change).second) << "a leaf twice in one scan";
+        flips_hash += kernels::flipsHash(change);
       }
     }
+    EXPECT_EQ(result.flips_hash, flips_hash);
     for (const auto& [origin, now] : allFacts(map)) {
       const auto found = before.find(origin);
       const bool listed = changes.count(origin) > 0;
