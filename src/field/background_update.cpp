@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/background_update.h"
 
-#include <system_error>
+#include <condition_variable>
+#include <mutex>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -56,51 +57,15 @@ bool UpdateTicket::done() const {
 
 namespace internal {
 
-BackgroundUpdate::~BackgroundUpdate() {
-  static_cast<void>(take());
-  if (!thread_.joinable()) return;
-  {
-    const std::scoped_lock lock(mutex_);
-    stop_ = true;
-  }
-  wake_.notify_one();
-  thread_.join();
-}
-
 UpdateTicket BackgroundUpdate::start(Work work) {
-  // The thread comes first: a ticket of work that never begins would wait for ever.
-  try {
-    if (!thread_.joinable()) thread_ = std::thread([this] { serve(); });
-  } catch (const std::exception&) {  // no more threads, or no memory for one
-  }
-  running_ = std::make_shared<UpdateState>();
-  UpdateTicket ticket(running_);
-  if (!thread_.joinable()) {
-    run(work, *running_);
-    return ticket;
-  }
-  {
-    const std::scoped_lock lock(mutex_);
-    work_ = std::move(work);
-    next_ = running_;
-  }
-  wake_.notify_one();
+  const auto state = std::make_shared<UpdateState>();
+  const std::function<void()> run_all = [work = std::move(work), state] { run(work, *state); };
+  const bool beside = thread_.begin(run_all);
+  // The ticket comes second: one of work that never begins would wait for ever.
+  running_ = state;
+  UpdateTicket ticket(state);
+  if (!beside) run_all();
   return ticket;
-}
-
-void BackgroundUpdate::serve() {
-  for (;;) {
-    Work work;
-    std::shared_ptr<UpdateState> state;
-    {
-      std::unique_lock lock(mutex_);
-      wake_.wait(lock, [this] { return stop_ || next_ != nullptr; });
-      if (next_ == nullptr) return;
-      work = std::exchange(work_, nullptr);
-      state = std::move(next_);
-    }
-    run(work, *state);
-  }
 }
 
 void BackgroundUpdate::run(const Work& work, UpdateState& state) {

@@ -6,14 +6,12 @@
 /// host any more, and at its end everything may change again.
 #pragma once
 
-#include <condition_variable>
 #include <exception>
 #include <functional>
 #include <memory>
-#include <mutex>
-#include <thread>
 
 #include "accessvdb/update_ticket.h"
+#include "field/work_thread.h"
 
 namespace accessvdb::internal {
 
@@ -23,14 +21,8 @@ class BackgroundUpdate {
   /// Calls its argument, from any thread, once it no longer reads the points and the map on the host; or never.
   using Work = std::function<UpdateStats(const ReleaseMap& release_map)>;
 
-  BackgroundUpdate() = default;
-  /// Waits for the update, if one is running.
-  ~BackgroundUpdate();
-  BackgroundUpdate(const BackgroundUpdate&) = delete;
-  BackgroundUpdate& operator=(const BackgroundUpdate&) = delete;
-
-  /// Begins the work and returns. The thread stays for the next one: what threads keep for themselves is made once.
-  /// Without memory for a thread the work is done before this returns. @pre no update since the last take()
+  /// Begins the work and returns; without memory for a thread, the work is done before. The destructor waits for it.
+  /// @pre no update since the last take()
   [[nodiscard]] UpdateTicket start(Work work);
   /// Waits until the map is free or the update has ended.
   void waitForMap() const;
@@ -38,16 +30,10 @@ class BackgroundUpdate {
   std::exception_ptr take();
 
  private:
-  void serve();
   static void run(const Work& work, UpdateState& state);
 
   std::shared_ptr<UpdateState> running_;  ///< started and not yet taken; only for the field's own thread
-  std::mutex mutex_;                      ///< of what follows
-  std::condition_variable wake_;
-  Work work_;
-  std::shared_ptr<UpdateState> next_;  ///< the work's
-  bool stop_ = false;
-  std::thread thread_;
+  WorkThread thread_;
 };
 
 }  // namespace accessvdb::internal
