@@ -25,15 +25,12 @@
 #include "field/query/pose_fits.h"
 #include "field/regions/what_if.h"
 #include "field/scan_gate.h"
+#include "field/thread_count.h"
 #include "field/tools/tools_of_field.h"
 #include "tsdf/scan_integrator.h"
 #include "update/scheduler.h"
 
 namespace accessvdb::internal {
-
-inline tbb::task_arena makeArena(int threads) {
-  return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
-}
 
 /// What was done so far, and how far the labels are behind the map.
 struct LabelState {

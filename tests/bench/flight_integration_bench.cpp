@@ -27,6 +27,7 @@
 #include "field/new_thing_margin.h"
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
+#include "support/map_hash.h"
 #include "tsdf/scan_integrator.h"
 #if ACCESSVDB_BENCH_HAS_CUDA
 #include "cuda/cuda_backend.h"
@@ -56,20 +57,6 @@ void printTimes(const char* name, std::vector<double> ms) {
   for (const double value : ms) mean += value / static_cast<double>(ms.size());
   std::sort(ms.begin(), ms.end());
   std::printf("%-7s %8.2f mean %8.2f median %8.2f p95 ms\n", name, mean, ms[ms.size() / 2], ms[ms.size() * 95 / 100]);
-}
-
-/// FNV-1a over leaves in the order of the tree.
-std::uint64_t hashOf(const internal::PackedMap& map) {
-  std::uint64_t hash = 0xcbf29ce484222325ull;
-  const auto add = [&hash](std::uint64_t value) { hash = (hash ^ value) * 0x100000001b3ull; };
-  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
-    for (int axis = 0; axis < 3; ++axis) add(static_cast<std::uint32_t>(leaf->origin()[axis]));
-    for (openvdb::Index w = 0; w < 8; ++w) add(leaf->getValueMask().getWord<openvdb::Index64>(w));
-    internal::LeafValues::Room room;
-    const std::uint32_t* packed = internal::LeafValues(*leaf).all(room);
-    for (openvdb::Index n = 0; packed != nullptr && n < internal::PackedLeaf::SIZE; ++n) add(packed[n]);
-  }
-  return hash;
 }
 
 #if ACCESSVDB_BENCH_HAS_CUDA
@@ -172,7 +159,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
               touched, fresh, changed, 1e-6 * updates, 1e-6 * passes);
   if (aged > 0) std::printf("a frame: %.0f leaves aged\n", aged);
   std::printf("map     %016llx changes %016llx, %llu leaves, %llu with values\n",
-              static_cast<unsigned long long>(hashOf(map)), static_cast<unsigned long long>(changes_hash),
+              static_cast<unsigned long long>(test::hashOf(map)), static_cast<unsigned long long>(changes_hash),
               static_cast<unsigned long long>(map.leaf_count),
               static_cast<unsigned long long>(map.allocated_leaf_count));
   std::printf("memory  %.0f MB, of them %.0f in %llu compact leaves; resident %.0f MB\n",
