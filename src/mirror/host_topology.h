@@ -11,6 +11,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "launch/grid_growth.h"
+
 namespace accessvdb::internal {
 
 /// No node.
@@ -38,9 +40,13 @@ struct InternalShadow {
     return std::atomic_ref(child_plus_one[n]).compare_exchange_strong(none, child_index + 1, std::memory_order_relaxed);
   }
   void unlink(std::uint32_t n) noexcept { child_plus_one[n] = 0; }
+  /// Adds a child to the mask that the mirrored node already has.
+  void markPublished(std::uint32_t n) noexcept {
+    std::atomic_ref(child_mask[n >> 6]).fetch_or(std::uint64_t(1) << (n & 63), std::memory_order_relaxed);
+  }
   /// Adds a child to the mask. @return whether the caller has to publish the word
   [[nodiscard]] bool mark(std::uint32_t n) noexcept {
-    std::atomic_ref(child_mask[n >> 6]).fetch_or(std::uint64_t(1) << (n & 63), std::memory_order_relaxed);
+    markPublished(n);
     const std::uint64_t bit = std::uint64_t(1) << ((n >> 6) & 63);
     return (std::atomic_ref(dirty_mask[n >> 12]).fetch_or(bit, std::memory_order_relaxed) & bit) == 0;
   }
@@ -52,7 +58,7 @@ struct InternalShadow {
 
 /// Leaves that are contiguous in the arena. Slot = chunk * kSize + place in the chunk.
 struct LeafChunk {
-  static constexpr std::uint32_t kSize = 512;
+  static constexpr std::uint32_t kSize = kernels::kLeavesPerChunk;
 
   /// For each leaf, the number of the last call that changed it.
   std::array<std::uint32_t, kSize> call = {};

@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "mirror/mirror_topology.h"
 
+#include <algorithm>
+#include <atomic>
 #include <string>
 
 #include "accessvdb/error.h"
@@ -24,10 +26,35 @@ constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
 constexpr int kEntryBits = 12;
 static_assert(InternalShadow<4>::kSize == 1u << kEntryBits);
 constexpr std::size_t kMinBatchesPerTask = 8;
+/// Nodes that a thread takes over at a time.
+constexpr std::size_t kAdoptedPerBatch = 256;
+/// Below this number, lower nodes are taken over by one thread.
+constexpr std::size_t kLeastLowers = 256;
+
+/// What may be wrong with nodes that a device has added, as bits.
+enum Wrong : std::uint32_t { kNothing = 0, kUnaligned = 1, kOrphan = 2, kTwice = 4 };
+
+[[noreturn]] void refuseAdopted(const char* what) {
+  throw InternalError("mirror.adopted", "", what, "Please report this");
+}
+
+/// @param wrong  any of Wrong
+void refuseIfWrong(std::uint32_t wrong) {
+  if ((wrong & kUnaligned) != 0) refuseAdopted("A node that the device added does not begin at a multiple of its size");
+  if ((wrong & kOrphan) != 0) refuseAdopted("A node that the device added lacks the node above it");
+  if ((wrong & kTwice) != 0) refuseAdopted("A node that the device added is there already");
+}
+
+/// @param mask  of the node's size
+bool aligned(const std::array<std::int32_t, 3>& origin_ijk, std::uint32_t mask) {
+  return (static_cast<std::uint32_t>(origin_ijk[0] | origin_ijk[1] | origin_ijk[2]) & mask) == 0;
+}
+
+Coord coordOf(const std::array<std::int32_t, 3>& ijk) { return {ijk[0], ijk[1], ijk[2]}; }
 
 template <class Change>
 Coord originOf(const Change& change) {
-  return {change.origin_ijk[0], change.origin_ijk[1], change.origin_ijk[2]};
+  return coordOf(change.origin_ijk);
 }
 
 /// Lowest voxel of the node that contains a voxel.
@@ -123,6 +150,9 @@ bool MirrorTopology<Leaves>::locateOnce() {
     added_leaves_.clear();
     return false;
   }
+  const std::uint32_t chunks = kernels::newChunks(space(), added);
+  addChunks(chunks, top_);
+  top_ += chunks * kernels::chunkBytes(space());
   leaf_count_ += added;
   return true;
 }
@@ -211,18 +241,29 @@ void MirrorTopology<Leaves>::addLowersOf(const ChangeBatch& batch) {
   }
 }
 
+/// Sees to it that the chunks for `count` more leaves can be added. They are once that is certain: so there never is
+/// more room than in the last one, which a device that adds leaves relies on.
 template <class Leaves>
 void MirrorTopology<Leaves>::reserveLeaves(std::uint32_t count) {
   // Two slot numbers have a special meaning.
   if (count > kMissing - 1 - leaf_count_) {
     throw ResourceLimit("map.leaves", "", "The map has more leaves than the mirror can number", "Use larger voxels");
   }
-  while (std::uint64_t{chunks_.size()} * LeafChunk::kSize < std::uint64_t{leaf_count_} + count) {
-    chunks_.reserveOne();
-    chunk_offsets_.resize(chunks_.size() + 1);
-    chunk_offsets_.back() = allocate(LeafChunk::kSize * kLeafBytes);
-    chunks_.add();
+  const std::uint32_t chunks = kernels::newChunks(space(), count);
+  chunks_.reserve(chunks);
+  if (const std::size_t wanted = chunk_offsets_.size() + chunks; wanted > chunk_offsets_.capacity()) {
+    chunk_offsets_.reserve(std::max(wanted, 2 * chunk_offsets_.capacity()));
   }
+  if (const std::uint64_t end = top_ + chunks * kernels::chunkBytes(space()); end > arena_.committedBytes()) {
+    arena_.commit(end);
+  }
+}
+
+/// @param offset  [B] of the first; the others follow
+template <class Leaves>
+void MirrorTopology<Leaves>::addChunks(std::uint32_t count, std::uint64_t offset) {
+  chunks_.add(count);
+  for (std::uint32_t n = 0; n < count; ++n) chunk_offsets_.push_back(offset + n * kernels::chunkBytes(space()));
 }
 
 template <class Leaves>
@@ -260,7 +301,7 @@ std::uint32_t MirrorTopology<Leaves>::addLower(const Coord& ijk) {
   std::uint32_t parent = root_table_.find(key);
   if (parent == kNoNode) parent = addUpper(ijk, key);
   const std::uint32_t index = lowerCount(), entry = UpperOfAny::CoordToOffset(ijk);
-  lowers_.reserveOne();
+  lowers_.reserve(1);
   const std::uint64_t offset = allocate(sizeof(typename nanovdb::NanoLower<typename Leaves::Build>::DataType));
   added_lowers_.push_back({parent, entry});
   Lower& lower = lowers_.add();
@@ -282,6 +323,118 @@ void MirrorTopology<Leaves>::forgetAdded() noexcept {
   added_lowers_.clear();
   added_uppers_.clear();
   published_chunks_ = chunks_.size();
+}
+
+template <class Leaves>
+kernels::GridSpace MirrorTopology<Leaves>::space() const noexcept {
+  kernels::GridSpace space;
+  space.top_bytes = top_;
+  space.last_chunk_offset = chunk_offsets_.empty() ? 0 : chunk_offsets_.back();
+  space.uppers = upperCount();
+  space.lowers = lowerCount();
+  space.leaves = leaf_count_;
+  space.root_capacity = root_capacity_;
+  space.leaf_bytes = kLeafBytes;
+  return space;
+}
+
+template <class Leaves>
+void MirrorTopology<Leaves>::adopt(const kernels::GridGrowth& growth, std::uint64_t grid_bytes) {
+  const kernels::GridSpace before = space();
+  if (growth.uppers.size() > root_capacity_ - before.uppers || growth.lowers.size() > kMissing - before.lowers ||
+      growth.leaves.size() > kMissing - before.leaves) {
+    refuseAdopted("The device added more nodes than the mirror can number");
+  }
+  const kernels::GridSpace after = kernels::grown(before, growth.counts());
+  if (after == before) return;
+  if (!added_uppers_.empty() || !added_lowers_.empty()) {
+    refuseAdopted("The device added nodes while some of the host were not published");
+  }
+  if (after.top_bytes > grid_bytes) refuseAdopted("The device added nodes beyond the end of the grid");
+  adoptUppers(growth, before);
+  adoptLowers(growth, before);
+  adoptLeaves(growth, before);
+  top_ = after.top_bytes;
+  leaf_count_ = after.leaves;
+  published_chunks_ = chunks_.size();
+}
+
+template <class Leaves>
+void MirrorTopology<Leaves>::adoptUppers(const kernels::GridGrowth& growth, const kernels::GridSpace& before) {
+  for (const auto& origin_ijk : growth.uppers) {
+    if (!aligned(origin_ijk, UpperOfAny::MASK)) refuseIfWrong(kUnaligned);
+    const std::uint64_t key = RootDataOfAny::CoordToKey(coordOf(origin_ijk));
+    if (root_table_.find(key) != kNoNode) refuseIfWrong(kTwice);
+    auto upper = std::make_unique<Upper>();
+    upper->arena_offset = kernels::newUpperOffset(before, upperCount() - before.uppers);
+    upper->origin_ijk = origin_ijk;
+    root_table_.insert(key, upperCount());
+    uppers_.push_back(std::move(upper));
+  }
+}
+
+template <class Leaves>
+void MirrorTopology<Leaves>::adoptLowers(const kernels::GridGrowth& growth, const kernels::GridSpace& before) {
+  const kernels::GrowthCounts added = growth.counts();
+  lowers_.add(added.lowers);
+  std::atomic<std::uint32_t> wrong = kNothing;
+  forEachIndex(0, added.lowers, kLeastLowers, [&](std::size_t n) {
+    const Coord ijk = coordOf(growth.lowers[n]);
+    if (!aligned(growth.lowers[n], LowerOfAny::MASK)) wrong |= kUnaligned;
+    const std::uint32_t index = before.lowers + static_cast<std::uint32_t>(n);
+    Lower& lower = lowers_[index];
+    lower.arena_offset = kernels::newLowerOffset(before, added, static_cast<std::uint32_t>(n));
+    lower.origin_ijk = growth.lowers[n];
+    const std::uint32_t parent = root_table_.find(RootDataOfAny::CoordToKey(ijk));
+    if (parent == kNoNode) {
+      wrong |= kOrphan;
+      return;
+    }
+    const std::uint32_t entry = UpperOfAny::CoordToOffset(ijk);
+    if (!uppers_[parent]->link(entry, index)) wrong |= kTwice;
+    uppers_[parent]->markPublished(entry);
+  });
+  refuseIfWrong(wrong);
+}
+
+template <class Leaves>
+void MirrorTopology<Leaves>::adoptLeaves(const kernels::GridGrowth& growth, const kernels::GridSpace& before) {
+  const kernels::GrowthCounts added = growth.counts();
+  addChunks(kernels::newChunks(before, added.leaves), kernels::newChunkOffset(before, added, 0));
+  std::atomic<std::uint32_t> wrong = kNothing;
+  const auto find = [this](const Coord& ijk) { return findLower(ijk); };
+  const std::size_t batches = (growth.leaves.size() + kAdoptedPerBatch - 1) / kAdoptedPerBatch;
+  forEachIndex(0, batches, kMinBatchesPerTask, [&](std::size_t b) {
+    const std::size_t first = b * kAdoptedPerBatch;
+    const auto leaves = growth.leaves.subspan(first, std::min(kAdoptedPerBatch, growth.leaves.size() - first));
+    struct Place {
+      Lower* lower = nullptr;
+      std::uint32_t entry = 0;
+    };
+    std::array<Place, kAdoptedPerBatch> places;
+    LastLower last(find);
+    std::uint32_t wrong_here = kNothing;
+    // Each step for all, so that fetches from scattered memory overlap.
+    for (std::size_t n = 0; n < leaves.size(); ++n) {
+      const Coord ijk = coordOf(leaves[n]);
+      if (!aligned(leaves[n], nanovdb::NanoLeaf<bool>::MASK)) wrong_here |= kUnaligned;
+      const std::uint32_t lower = last.of(ijk);
+      if (lower == kNoNode) {
+        wrong_here |= kOrphan;
+        continue;
+      }
+      places[n] = {&lowers_[lower], LowerOfAny::CoordToOffset(ijk)};
+      prefetch(&places[n].lower->child_plus_one[places[n].entry]);
+    }
+    for (std::size_t n = 0; n < leaves.size(); ++n) {
+      const auto [lower, entry] = places[n];
+      if (lower == nullptr) continue;
+      if (!lower->link(entry, before.leaves + static_cast<std::uint32_t>(first + n))) wrong_here |= kTwice;
+      lower->markPublished(entry);
+    }
+    if (wrong_here != kNothing) wrong |= wrong_here;
+  });
+  refuseIfWrong(wrong);
 }
 
 template <class Leaves>

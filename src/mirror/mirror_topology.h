@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "hostdev/nanovdb_compat.h"
+#include "launch/grid_growth.h"
 #include "launch/mirror_arena.h"
 #include "mirror/change_batches.h"
 #include "mirror/host_topology.h"
@@ -66,6 +67,13 @@ class MirrorTopology {
   }
   void forgetAdded() noexcept;
 
+  [[nodiscard]] kernels::GridSpace space() const noexcept;
+  /// Takes over as published what a device has added and written itself (launch/grid_growth.h). After an error, part of
+  /// it was taken over.
+  /// @param grid_bytes  size of the grid as stored in the grid
+  /// @throw InternalError  `mirror.adopted`: it contradicts what there is, or something is not published yet
+  void adopt(const kernels::GridGrowth& growth, std::uint64_t grid_bytes);
+
   [[nodiscard]] Lower& lower(std::uint32_t index) noexcept { return lowers_[index]; }
   [[nodiscard]] Upper& upper(std::uint32_t index) noexcept { return *uppers_[index]; }
   [[nodiscard]] std::uint32_t leafCount() const noexcept { return leaf_count_; }
@@ -81,6 +89,10 @@ class MirrorTopology {
   [[nodiscard]] bool missesNothing(const ChangeBatch& batch) const noexcept;
   void addLowersOf(const ChangeBatch& batch);
   void reserveLeaves(std::uint32_t count);
+  void addChunks(std::uint32_t count, std::uint64_t offset);
+  void adoptUppers(const kernels::GridGrowth& growth, const kernels::GridSpace& before);
+  void adoptLowers(const kernels::GridGrowth& growth, const kernels::GridSpace& before);
+  void adoptLeaves(const kernels::GridGrowth& growth, const kernels::GridSpace& before);
   std::uint64_t allocate(std::uint64_t bytes);
   std::uint32_t addUpper(const nanovdb::Coord& ijk, std::uint64_t key);
   std::uint32_t addLower(const nanovdb::Coord& ijk);

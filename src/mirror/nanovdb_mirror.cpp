@@ -38,6 +38,10 @@ class NanoMirror<Leaves>::Impl {
 
   Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity, Leaves leaves);
   void applyLists(ChangeLists<Leaves> lists);
+  void reserve(std::uint64_t more_bytes);
+  void adopt(const kernels::GridGrowth& growth);
+  /// @throw InternalError  an earlier call failed while writing
+  void requireWhole() const;
 
   std::unique_ptr<kernels::MirrorArena> arena_;
   MirrorTopology<Leaves> topology_;
@@ -64,7 +68,7 @@ class NanoMirror<Leaves>::Impl {
 
   Leaves leaves_;
   std::uint64_t published_bytes_ = 0;  ///< grid size as stored in the grid
-  bool writing_ = false;               ///< stays true after a call that failed while writing
+  bool writing_ = false;               ///< stays true after a call that failed while writing or adopting
   std::vector<std::uint8_t> owns_word_;
   std::vector<std::uint32_t> owners_;  ///< used by publishChildren()
   std::vector<ArenaFill> fills_;       ///< used by publishBackground()
@@ -86,16 +90,39 @@ NanoMirror<Leaves>::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, doub
 template <class Leaves>
 void NanoMirror<Leaves>::Impl::applyLists(ChangeLists<Leaves> lists) {
   traffic_ = {};
-  if (writing_) {
-    throw InternalError("mirror.half_written", "", "An earlier call failed while writing to the mirror",
-                        "Make a new mirror");
-  }
+  requireWhole();
   topology_.locate(lists);
   owns_word_.reserve(std::max(topology_.addedLeaves().size(), topology_.addedLowers().size()));
   owners_.reserve(owns_word_.capacity());
   writing_ = true;
   publish();
   writing_ = false;
+}
+
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::requireWhole() const {
+  if (writing_) {
+    throw InternalError("mirror.half_written", "", "An earlier call failed while writing to the mirror",
+                        "Make a new mirror");
+  }
+}
+
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::reserve(std::uint64_t more_bytes) {
+  requireWhole();
+  if (const std::uint64_t end = topology_.usedBytes() + more_bytes; end > arena_->committedBytes()) arena_->commit(end);
+  // Also publishes nodes of a call that failed for lack of space: another writer would not find them.
+  applyLists({});
+}
+
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::adopt(const kernels::GridGrowth& growth) {
+  traffic_ = {};
+  requireWhole();
+  writing_ = true;
+  topology_.adopt(growth, published_bytes_);
+  writing_ = false;
+  traffic_.leaves_added = growth.leaves.size();
 }
 
 // Publishes bottom up, so that nothing is reachable before it is complete, and no byte is written twice.
@@ -382,6 +409,20 @@ void NanoMirror<Leaves>::apply(std::span<const Change> changes) {
 template <class Leaves>
 void NanoMirror<Leaves>::applyLists(std::span<const std::span<const Change>> lists) {
   impl_->applyLists(lists);
+}
+
+template <class Leaves>
+kernels::GridSpace NanoMirror<Leaves>::space() const {
+  impl_->requireWhole();
+  return impl_->topology_.space();
+}
+template <class Leaves>
+void NanoMirror<Leaves>::reserve(std::uint64_t more_bytes) {
+  impl_->reserve(more_bytes);
+}
+template <class Leaves>
+void NanoMirror<Leaves>::adopt(const kernels::GridGrowth& growth) {
+  impl_->adopt(growth);
 }
 
 template <class Leaves>

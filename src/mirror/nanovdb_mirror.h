@@ -12,17 +12,18 @@
 #include <span>
 
 #include "hostdev/nanovdb_compat.h"
+#include "launch/grid_growth.h"
 #include "launch/mirror_arena.h"
 #include "mirror/distance_leaves.h"
 #include "mirror/occupancy_leaves.h"
 
 namespace accessvdb::internal {
 
-/// What the last `apply` did.
+/// What the last call did.
 struct MirrorTraffic {
   std::uint64_t leaves_patched = 0;  ///< existing leaves that were changed
-  std::uint64_t leaves_added = 0;
-  std::uint64_t bytes_written = 0;  ///< written to the arena
+  std::uint64_t leaves_added = 0;    ///< or adopted
+  std::uint64_t bytes_written = 0;   ///< written to the arena
 };
 
 /// One writer, one thread. Readers must be ordered after the call that wrote (see MirrorArena).
@@ -57,6 +58,23 @@ class NanoMirror {
   void apply(std::span<const Change> changes);
   /// All lists as one call: one flush of the arena for any number of them.
   void applyLists(std::span<const std::span<const Change>> lists);
+
+  // Nodes that someone else adds, such as a device: it is told the space, room is reserved, it writes them by the rule
+  // of launch/grid_growth.h, and adopt() takes them over. apply() may run before and after, but not in between. Bits of
+  // leaves that there are may be changed by both at any time, one after the other.
+
+  /// @throw InternalError  an earlier call failed while writing
+  [[nodiscard]] kernels::GridSpace space() const;
+  /// Backs `more_bytes` behind the first unused byte (growthBytes()) and makes them part of the grid; the space stays
+  /// as it is. The writer must be ordered after this call as readers are. After a ResourceLimit nothing has changed.
+  /// @throw ResourceLimit  the arena cannot grow
+  /// @throw InternalError, DeviceError  as apply()
+  void reserve(std::uint64_t more_bytes);
+  /// Takes over what was added to space(), one growth at a time and in their order; writes nothing. After an error
+  /// every later call fails, because what is in the grid is not what the host knows.
+  /// @throw InternalError  `mirror.adopted`: a node that is there already, lacks its parent, is not aligned, or for
+  ///   which no room was reserved
+  void adopt(const kernels::GridGrowth& growth);
 
   /// In the arena's address space; constant for the mirror's lifetime.
   [[nodiscard]] const Grid* grid() const noexcept;

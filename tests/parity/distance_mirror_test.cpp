@@ -4,6 +4,7 @@
 // and its guarantees to an arena.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
 #include <map>
 #include <set>
@@ -178,6 +179,47 @@ TEST_P(DistancesEqualOpenVdb, AFullArenaIsAnErrorThatChangesNothing) {
   }
   EXPECT_TRUE(full);
   EXPECT_LE(mirror->usedBytes(), std::uint64_t(32) << 20);
+}
+
+/// What the host adds after an adoption must not fill an adopted chunk with background.
+TEST(DistanceMirrorContract, AdoptedLeavesKeepTheirDistances) {
+  DistanceWorld world(17);
+  const auto mirror = mirrorIn(std::make_unique<HostArena>());
+  const auto leafAt = [](std::uint32_t n) {  // in one lower node
+    return std::array<std::int32_t, 3>{8 * static_cast<int>(n >> 8), 8 * static_cast<int>(n >> 4 & 15),
+                                       8 * static_cast<int>(n & 15)};
+  };
+  const auto add = [&](std::uint32_t n) {
+    while (mirror->leafCount() == n) {  // some changes have no rows
+      const DistanceChange change = world.change(leafAt(n));
+      mirror->apply({&change, 1});
+    }
+  };
+  for (std::uint32_t n = 0; n < 512; ++n) add(n);  // a full chunk
+  const kernels::GridSpace space = mirror->space();
+  const auto origin = leafAt(512);
+  mirror->reserve(kernels::growthBytes(space, {0, 0, 1}));
+
+  auto* memory = reinterpret_cast<std::byte*>(const_cast<DistanceGrid*>(mirror->grid()));
+  auto* chunk = reinterpret_cast<kernels::DistanceLeaf::DataType*>(memory + space.top_bytes);
+  for (int n = 0; n < 512; ++n) std::fill_n(chunk[n].mValues, 512, DistanceWorld::kBackground_m);
+  chunk->mBBoxMin = nanovdb::Coord(origin[0], origin[1], origin[2]);
+  chunk->mValues[7] = 0.25f;
+  chunk->mValueMask.setOn(7);
+  auto& root = const_cast<DistanceGrid*>(mirror->grid())->tree().root();
+  auto* lower = root.data()->getChild(root.data()->tile(0))->data()->getChild(0)->data();
+  lower->mChildMask.setOn(512);
+  lower->setChild(512, chunk);
+  ASSERT_EQ(nanovdb::NanoLower<float>::CoordToOffset(chunk->mBBoxMin), 512u);
+  mirror->adopt({{}, {}, {&origin, 1}});
+
+  EXPECT_EQ(mirror->usedBytes(), space.top_bytes + 512 * 2144);
+  add(513);
+  const auto& tree = mirror->grid()->tree();
+  EXPECT_EQ(tree.getValue(chunk->mBBoxMin + nanovdb::Coord(0, 0, 7)), 0.25f);
+  EXPECT_EQ(tree.getValue(chunk->mBBoxMin), DistanceWorld::kBackground_m);
+  EXPECT_EQ(tree.root().probeLeaf(nanovdb::Coord(16, 0, 8))->data(), chunk + 1);
+  EXPECT_EQ(walkTree(*mirror->grid()).leaves, 514u);
 }
 
 TEST(DistanceMirrorContract, TheGridIsSoundAfterEverySingleWrite) {
