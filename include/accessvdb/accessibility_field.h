@@ -218,6 +218,10 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] static AccessibilityField loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
                                                     BackendKind backend = BackendKind::Auto, int threads = 0,
                                                     const TableProgress& progress = {});
+  /// The same. @param place  its backend, threads, fuse_on_host and device_cache_bytes say where the field runs; all
+  ///                         other parameters are the saved field's
+  [[nodiscard]] static AccessibilityField loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
+                                                    const FieldParams& place, const TableProgress& progress = {});
 
   /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.
   /// @throws OutputError

@@ -180,9 +180,12 @@ typedef struct accessvdb_params {
   /// Version 6. Names of what returns carry to the points, with a blank between them; read by the call that it is
   /// passed to. NULL = nothing
   const char* carry;
-  double point_spacing_m;    ///< version 7: 0 = all points are scored; else one for each cell of this edge
-  double clear_rays_m;       ///< version 7: how far from their returns rays clear a line; infinity: all of it
-  double platform_radius_m;  ///< version 7: a ball of this radius around the sensor's positions is free
+  double point_spacing_m;       ///< version 7: 0 = all points are scored; else one for each cell of this edge
+  double clear_rays_m;          ///< version 7: how far from their returns rays clear a line; infinity: all of it
+  double platform_radius_m;     ///< version 7: a ball of this radius around the sensor's positions is free
+  uint64_t device_cache_bytes;  ///< version 7: on a GPU, most of its memory for the values of the map; 0 = rule
+  int32_t fuse_on_host;         ///< version 7: 0 or 1; on a GPU, each scan is fused on the host before it is scored
+  uint32_t reserved;
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.

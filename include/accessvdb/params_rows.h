@@ -272,6 +272,12 @@ inline constexpr auto kParamRows<FieldParams> = std::tuple(
         "mirror_distance", AnyValue{},
         "Keeps a second live mirror, of the map's distances, for kernels in C++ (DeviceView); no result depends "
         "on it."),
+    paramRow<&FieldParams::fuse_on_host, &accessvdb_params::fuse_on_host>(
+        "fuse_on_host", AnyValue{}, "On a GPU: fuses each scan on the host before it is scored; same labels, later."),
+    paramRow<&FieldParams::device_cache_bytes, &accessvdb_params::device_cache_bytes>(
+        "device_cache_bytes", ParamRange{64e6, 1e15, "Use 64 MB or more, or leave it out for what the voxels need"},
+        "On a GPU: most of its memory for the values of the map; no result depends on it. 0 = rule, by the voxel size: "
+        "1 GB at 10 mm, 3 GB at 5 mm, 9 GB at 2.5 mm."),
     paramRow<&FieldParams::origin_W>("origin_W", ParamRange{-1e8, 1e8}, "World position of the local frame, metres."),
     paramRow<&FieldParams::window>("window", AnyValue{}, "Limits the field to one tile."),
     paramRow<&FieldParams::carry, &accessvdb_params::carry>(

@@ -245,6 +245,8 @@ class FieldParams(metaclass=_Compiled):
     backend: _Backend
     threads: int
     mirror_distance: bool
+    fuse_on_host: bool
+    device_cache_bytes: int
     @property
     def carry(self) -> Tuple[str, ...]: ...
     @carry.setter
@@ -260,6 +262,8 @@ class FieldParams(metaclass=_Compiled):
         backend: _Backend = ...,
         threads: int = ...,
         mirror_distance: bool = ...,
+        fuse_on_host: bool = ...,
+        device_cache_bytes: int = ...,
         carry: Sequence[str] = ...,
     ) -> None: ...
     @staticmethod
@@ -1032,6 +1036,8 @@ class AccessibilityField(metaclass=_Compiled):
         tools: Optional[Sequence[Union[ToolSpec, ToolGeometry]]] = ...,
         backend: _Backend = ...,
         threads: int = ...,
+        fuse_on_host: bool = ...,
+        device_cache_bytes: int = ...,
     ) -> AccessibilityField: ...
     def memory_use(self) -> MemoryUse: ...
     @property

@@ -16,6 +16,7 @@
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/field_export.h"
+#include "accessvdb/saved_state.h"
 #include "accessvdb/scan_io.h"
 #include "bindings/arrays.h"
 #include "bindings/locked_field.h"
@@ -163,19 +164,21 @@ std::unique_ptr<LockedField> makeField(const py::object& tool, const py::object&
 }
 
 std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const py::object& tool,
-                                       const py::object& tools, const py::object& backend, const py::object& threads) {
+                                       const py::object& tools, const py::object& backend, const py::object& threads,
+                                       const py::object& fuse_on_host, const py::object& device_cache_bytes) {
   requireOneOf(tool, tools);
-  const auto kind = settingFrom<BackendKind>("backend", backend);
-  const int count = settingFrom<int>("threads", threads);
-  if (tool.is_none()) {
-    std::vector<ToolSpec> specs = toolsFrom(tools);
-    return withoutLock([&] {
-      return std::make_unique<LockedField>(AccessibilityField::loadState(file, std::move(specs), kind, count));
-    });
-  }
-  const auto one = tool.cast<ToolGeometry>();
-  return withoutLock(
-      [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, one, kind, count)); });
+  FieldParams place;
+  place.backend = settingFrom<BackendKind>("backend", backend);
+  place.threads = settingFrom<int>("threads", threads);
+  place.fuse_on_host = settingFrom<bool>("fuse_on_host", fuse_on_host);
+  place.device_cache_bytes = settingFrom<std::uint64_t>("device_cache_bytes", device_cache_bytes);
+  std::vector<ToolSpec> specs;
+  if (tool.is_none()) specs = toolsFrom(tools);
+  const auto one = tool.is_none() ? std::nullopt : std::optional(tool.cast<ToolGeometry>());
+  return withoutLock([&] {
+    if (one) specs = onlyTool(*one, inspectState(file).params);
+    return std::make_unique<LockedField>(AccessibilityField::loadState(file, std::move(specs), place));
+  });
 }
 
 /// Rows of whole numbers of 32 bits, one for each return, or one number for each. None: nothing.
@@ -341,6 +344,7 @@ void bindField(py::module_& module) {
           "from it.")
       .def_static("load_state", &loadState, py::arg("file"), py::arg("tool") = py::none(), py::kw_only(),
                   py::arg("tools") = py::none(), py::arg("backend") = "auto", py::arg("threads") = 0,
+                  py::arg("fuse_on_host") = false, py::arg("device_cache_bytes") = 0,
                   "A field that goes on where the saved one was, with its parameters: before its first update(), with "
                   "the same bits as without the stop; after one, with the same labels. tool, or tools: those of the "
                   "saved field.")

@@ -274,13 +274,19 @@ void internal::FieldAccess::saveState(const AccessibilityField& field, const std
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, const ToolGeometry& tool,
                                                  BackendKind backend, int threads) {
   internal::StateReader state(file);
-  return internal::FieldAccess::load(state, onlyTool(tool, state.head().params), backend, threads);
+  return internal::FieldAccess::load(state, onlyTool(tool, state.head().params),
+                                     {.backend = backend, .threads = threads});
 }
 
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
                                                  BackendKind backend, int threads, const TableProgress& progress) {
+  return loadState(file, std::move(tools), {.backend = backend, .threads = threads}, progress);
+}
+
+AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
+                                                 const FieldParams& place, const TableProgress& progress) {
   internal::StateReader state(file);
-  return internal::FieldAccess::load(state, namedTools(std::move(tools)), backend, threads, progress);
+  return internal::FieldAccess::load(state, namedTools(std::move(tools)), place, progress);
 }
 
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
@@ -342,7 +348,7 @@ AccessibilityField internal::FieldAccess::make(const std::vector<ToolSpec>& tool
 }
 
 AccessibilityField internal::FieldAccess::load(StateReader& state, const std::vector<ToolSpec>& tools,
-                                               BackendKind backend, int threads, const TableProgress& progress,
+                                               const FieldParams& place, const TableProgress& progress,
                                                SharedTables* tables) {
   if (state.head().tool_sha256 != toolListSha256(tools)) {
     throw UnusableInput("state.tool", state.file().string(),
@@ -352,8 +358,10 @@ AccessibilityField internal::FieldAccess::load(StateReader& state, const std::ve
                         "or start again");
   }
   FieldParams params = state.head().params;
-  params.backend = backend;
-  params.threads = threads;
+  params.backend = place.backend;
+  params.threads = place.threads;
+  params.fuse_on_host = place.fuse_on_host;
+  params.device_cache_bytes = place.device_cache_bytes;
   AccessibilityField field(tools, params, progress, tables);
   field.impl_->arena.execute([&] { restoreState(*field.impl_, state); });
   return field;

@@ -69,10 +69,11 @@ struct FieldAccess {
   /// A field whose memoryUse() is without the tables, which it shares with others. @param tables  must outlive it
   [[nodiscard]] static AccessibilityField make(const std::vector<ToolSpec>& tools, const FieldParams& params,
                                                SharedTables& tables);
-  /// @param tools  named  @param tables  as for make(), of tools with the state's parameters; null: its own
+  /// @param tools  named  @param place  where it runs, as for AccessibilityField::loadState()
+  /// @param tables  as for make(), of tools with the state's parameters; null: its own
   /// @throws UnusableInput "state.tool" if the state is not of these tools
   [[nodiscard]] static AccessibilityField load(StateReader& state, const std::vector<ToolSpec>& tools,
-                                               BackendKind backend, int threads, const TableProgress& progress = {},
+                                               const FieldParams& place, const TableProgress& progress = {},
                                                SharedTables* tables = nullptr);
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
   [[nodiscard]] static const PackedMap& map(const AccessibilityField& field);

@@ -70,6 +70,14 @@ int neighboursFor(double range_noise_m, double voxel_size_m) {
   return range_noise_m >= 0.5 * voxel_size_m ? 30 : 10;
 }
 
+/// Each halving of the voxels makes a scan touch about three times as many values.
+std::uint64_t deviceCacheFor(double voxel_size_m) {
+  constexpr double kCoarse_m = 0.01, kLeast_bytes = 1e9, kMost_bytes = 64e9;
+  constexpr double kRounding = 1e-6;  // 10 mm may have been a float
+  const double halvings = std::max(0.0, std::ceil(std::log2(kCoarse_m / voxel_size_m) - kRounding));
+  return static_cast<std::uint64_t>(std::min(kMost_bytes, kLeast_bytes * std::pow(3.0, halvings)));
+}
+
 /// Checks a value, or each value of an array, against the range of its row.
 template <typename Row, typename Value>
 void requireRange(const Row& row, const Value& value, const FieldParams& all, const std::string& prefix = "") {
@@ -79,7 +87,7 @@ void requireRange(const Row& row, const Value& value, const FieldParams& all, co
     for (const double number : value) requireRange(row, number, all, prefix);
   } else {
     const ParamRange range = row.rangeIn(all);
-    require((prefix + row.c_name).c_str(), value, range.low, range.high, range.advice);
+    require((prefix + row.c_name).c_str(), static_cast<double>(value), range.low, range.high, range.advice);
   }
 }
 
@@ -239,6 +247,7 @@ FieldParams FieldParams::resolved() const {
     throw InvalidArgument("config.change", "change full", "needs updates that follow the map in both directions",
                           "Use UpdatePolicy::Exact");
   }
+  if (p.device_cache_bytes == 0) p.device_cache_bytes = deviceCacheFor(t.voxel_size_m);
   requireRanges(p, p);
   if (p.window) requireWindow(p);
   if (s.point_spacing_m > 0) requireSpacing(p);

@@ -267,7 +267,7 @@ RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, co
     throw InputError("state.other", files.state.string(), "is the state of another tile", "Restore the folder");
   }
   files.requireWritten(state, files_sha256);
-  RollingTile tile(internal::FieldAccess::load(state, tools_, params_.backend, params_.threads, {}, tables_.get()));
+  RollingTile tile(internal::FieldAccess::load(state, tools_, params_, {}, tables_.get()));
   tile.ids = files.readIds(internal::FieldAccess::points(tile.field).size(), files_sha256);
   if (notes_changes_) {
     tile.told.emplace(tools_.size() > 1);

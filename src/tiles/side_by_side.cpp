@@ -289,8 +289,7 @@ FusedTile loadFused(const Job& job, const Inputs& inputs, const TileId& id) {
     internal::StateReader state(files.state);
     files.requireWritten(state, sha256);
     auto tables = std::make_unique<internal::SharedTables>();
-    AccessibilityField field =
-        internal::FieldAccess::load(state, job.tools, job.params.backend, job.params.threads, {}, tables.get());
+    AccessibilityField field = internal::FieldAccess::load(state, job.tools, job.params, {}, tables.get());
     const std::vector<std::uint32_t> ids = files.readIds(internal::FieldAccess::points(field).size(), sha256);
     internal::FieldAccess::advanceTime(field, manifest.latest_s, manifest.age_s);
     const auto step_of = [ids, first_ids = manifest.first_ids](std::uint32_t point) {

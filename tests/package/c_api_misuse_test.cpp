@@ -216,6 +216,8 @@ TEST_F(CApiMisuse, Parameters) {
   refused([](auto& p) { p.viewpoints = 2; }, "viewpoints");
   refused([](auto& p) { p.threads = -1; }, "threads");
   refused([](auto& p) { p.threads = 70000; }, "threads");
+  refused([](auto& p) { p.fuse_on_host = 2; }, "fuse_on_host");
+  refused([](auto& p) { p.device_cache_bytes = 1; }, "device_cache_bytes");
   auto params = sized<accessvdb_params>();
   EXPECT_EQ(accessvdb_params_paper(kNan, &params), ACCESSVDB_ERROR_USAGE);
 }

@@ -29,8 +29,11 @@ class State(unittest.TestCase):
         straight = accessvdb.AccessibilityField(self.tool, {"tsdf": {"voxel_size_m": walls.VOXEL_M}})
         integrate(straight, 0, 2)
         straight.save_state(self.file)
-        loaded = accessvdb.AccessibilityField.load_state(str(self.file), self.tool, backend="cpu", threads=1)
+        loaded = accessvdb.AccessibilityField.load_state(
+            str(self.file), self.tool, backend="cpu", threads=1, fuse_on_host=True, device_cache_bytes=10**8
+        )
         self.assertEqual(loaded.params.describe(), straight.params.describe())
+        self.assertEqual((loaded.params.fuse_on_host, loaded.params.device_cache_bytes), (True, 10**8))
         for field in (straight, loaded):
             integrate(field, 2, 4)
             field.update()

@@ -145,8 +145,10 @@ void visitOrientations(Code& code, Set& set) {
 /// A field of a struct of parameters that is not saved in its place.
 template <typename Row>
 constexpr bool kSkipped =
-    Row::template is<&FieldParams::backend> ||  // a state may go on elsewhere
-    Row::template is<&FieldParams::threads> || Row::template is<&ApproachParams::orientations> ||  // see visitRest
+    // A state may go on elsewhere.
+    Row::template is<&FieldParams::backend> || Row::template is<&FieldParams::threads> ||
+    Row::template is<&FieldParams::fuse_on_host> || Row::template is<&FieldParams::device_cache_bytes> ||
+    Row::template is<&ApproachParams::orientations> ||  // see visitRest
     Row::template is<&FieldParams::carry> || Row::template is<&ApproachParams::rolls> ||
     Row::template is<&ChangeParams::free_for_s> ||  // see visitFullChange
     Row::template is<&TsdfParams::clear_rays_m> || Row::template is<&TsdfParams::platform_radius_m> ||

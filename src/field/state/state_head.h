@@ -82,7 +82,7 @@ struct StateHead {
   std::string version;                      ///< of the program, for people
   std::string tool_sha256;                  ///< ToolGeometry::sha256(), or toolListSha256()
   std::vector<SavedTool> tools;             ///< of a list
-  FieldParams params;                       ///< resolved; backend and threads are not part of a state
+  FieldParams params;                       ///< resolved, without what says where a field runs
   std::optional<Eigen::Vector3d> origin_W;  ///< once there is one
   bool updated = false;                     ///< after an update(): its labels have to be made again
   std::uint64_t scans = 0;                  ///< integrated

@@ -9,6 +9,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
 #include "accessvdb/tool_geometry.h"
+#include "accessvdb/tool_spec.h"
 #include "support/scratch_folder.h"
 
 namespace accessvdb::test {
@@ -75,6 +76,32 @@ TEST(FieldRefusals, MoreThreadsThanAnyMachineHas) {
   }
   params.threads = 4096;
   EXPECT_EQ(refusalOf([&] { AccessibilityField(pencil(), params); }).id, "");
+}
+
+/// Where a field runs is not what a state is of: it goes on elsewhere, and only there.
+TEST(FieldRefusals, NotAStateThatGoesOnElsewhere) {
+  const ScratchFolder folder;
+  FieldParams params, place;
+  params.backend = place.backend = BackendKind::Cpu;
+  params.update.seed = 9;
+  params.fuse_on_host = true;
+  params.device_cache_bytes = 100'000'000;
+  AccessibilityField(pencil(), params).saveState(folder / "state");
+  place.threads = 1;
+  place.update.seed = 7;
+  const auto at = [&] {
+    return AccessibilityField::loadState(folder / "state", onlyTool(pencil(), params), place).params();
+  };
+  EXPECT_FALSE(at().fuse_on_host);
+  EXPECT_EQ(at().device_cache_bytes, 1'000'000'000u);  // what 10 mm need
+  place.fuse_on_host = true;
+  place.device_cache_bytes = 200'000'000;
+  EXPECT_TRUE(at().fuse_on_host);
+  EXPECT_EQ(at().device_cache_bytes, 200'000'000u);
+  EXPECT_EQ(at().threads, 1);
+  EXPECT_EQ(at().update.seed, 9u);
+  place.device_cache_bytes = 1;
+  EXPECT_EQ(refusalOf([&] { static_cast<void>(at()); }).subject, "device_cache_bytes");
 }
 
 TEST(FieldRefusals, PosesSayWhatIsWrongWithThem) {

@@ -59,6 +59,25 @@ TEST(FieldParams, NeighboursGrowWithTheNoise) {
   EXPECT_EQ(given.resolved().scoring.neighbours, 7);
 }
 
+TEST(FieldParams, TheCacheOnTheDeviceGrowsWithSmallerVoxels) {
+  for (const auto& [voxel_size_m, gigabytes] : {std::pair{0.5, 1.0},
+                                                {0.01, 1.0},
+                                                {static_cast<double>(0.01F), 1.0},
+                                                {0.0099, 3.0},
+                                                {0.005, 3.0},
+                                                {0.004, 9.0},
+                                                {0.0025, 9.0},
+                                                {0.00125, 27.0},
+                                                {0.001, 64.0},
+                                                {0.0005, 64.0}}) {
+    EXPECT_EQ(withVoxel(voxel_size_m, 0).resolved().device_cache_bytes, static_cast<std::uint64_t>(1e9 * gigabytes))
+        << voxel_size_m;
+  }
+  FieldParams given = withVoxel(0.005, 0);
+  given.device_cache_bytes = 64'000'000;
+  EXPECT_EQ(given.resolved().device_cache_bytes, 64'000'000u);
+}
+
 TEST(FieldParams, TheClearedBandReachesAsFarAsTheCorridor) {
   FieldParams params = withVoxel(0.05, 0);
   EXPECT_DOUBLE_EQ(params.resolved().tsdf.cleared_end_tau, 2.25);
@@ -199,6 +218,7 @@ TEST(FieldParams, BoundsAreRefusedByName) {
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.scoring.confidence_min = 1; }), "confidence_min");
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.update.budget_points = -1; }), "budget_points");
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.threads = -1; }), "threads");
+  EXPECT_EQ(subjectOf([](FieldParams& p) { p.device_cache_bytes = 63'999'999; }), "device_cache_bytes");
 }
 
 }  // namespace
