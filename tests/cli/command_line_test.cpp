@@ -121,6 +121,8 @@ TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
                            "--view",
                            "--print-config",
                            "--mirror-distance",
+                           "--host-fusion",
+                           "--max-device-memory",
                            "--checkpoint",
                            "--checkpoint-every",
                            "--resume",
@@ -165,6 +167,9 @@ TEST_F(CommandLine, PrintedConfigReadsBackAsItself) {
                                           "36",
                                           "--max-memory",
                                           "2G",
+                                          "--max-device-memory",
+                                          "500M",
+                                          "--host-fusion",
                                           "--time-offset",
                                           "1356566399.123456",
                                           "--laz-command",
@@ -184,6 +189,8 @@ TEST_F(CommandLine, PrintedConfigReadsBackAsItself) {
   ASSERT_EQ(other.exit_code, 0) << other.err;
   EXPECT_NE(other.out.find("voxel = 0.04"), std::string::npos) << "a flag wins over the file";
   EXPECT_NE(other.out.find("directions = 36"), std::string::npos);
+  EXPECT_NE(other.out.find("host-fusion = true"), std::string::npos);
+  EXPECT_NE(other.out.find("max-device-memory = '500M'"), std::string::npos);
 }
 
 TEST_F(CommandLine, ConfigTakesTopLevelKeysAndVectors) {

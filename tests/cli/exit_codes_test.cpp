@@ -63,6 +63,8 @@ TEST_F(ExitCodes, Usage) {
   expectFailure({"--tau", "4x"}, 2, "usage.length");
   expectFailure({"--tau", "nan"}, 2);
   expectFailure({"--max-memory", "2Q"}, 2, "usage.bytes");
+  expectFailure({"--max-device-memory", "2Q"}, 2, "usage.bytes");
+  expectFailure({"--max-device-memory", "60M"}, 2, "config.range");
   expectFailure({"--profile", "best"}, 2, "usage.word");
   expectFailure({"--change", "slow"}, 2, "usage.word");
   expectFailure({"--change", "block", "--static"}, 2, "usage.change");

@@ -36,7 +36,7 @@ inline constexpr std::array<FlagsOfGroup, 5> kFlagsOfGroups = {{
     {"Expert",
      " --tau --profile --policy --directions --knn --points --point-spacing --update-every --budget-ms --budget-points "
      "--bin-memory --keep-rays "
-     "--mirror-distance "},
+     "--mirror-distance --host-fusion "},
 }};
 
 }  // namespace accessvdb::tools

@@ -41,6 +41,8 @@ struct MapOptions {
   bool keep_rays = false, fresh = false, html = false;
   bool allow_truncated = false, allow_disagreement = false, sort_poses = false, no_clobber = false,
        print_config = false, mirror_distance = false;
+  bool host_fusion = false;
+  std::string max_device_memory;
   bool still = false;  ///< --static
   bool allow_open_tool = false, allow_hidden_tool = false;
   std::vector<std::string> remove;
@@ -80,6 +82,9 @@ void addPointsOptions(FlagParser& flags, MapOptions& options);
 
 /// Adds the flag for the mirror of distances, for every verb that keeps a field.
 void addMirrorOption(FlagParser& flags, MapOptions& options);
+
+/// Adds the flags for where scans are fused on a GPU, for every verb that takes scans and --device.
+void addFusionOptions(FlagParser& flags, MapOptions& options);
 
 /// Checks what the flags alone determine. @throws InvalidArgument, DeviceError
 void checkMapOptions(const MapOptions& options);

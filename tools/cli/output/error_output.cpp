@@ -43,6 +43,8 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"point_spacing_m", "--point-spacing"},
     {"score all points", "--points all"},
     {"threads", "--threads"},
+    {"device_cache_bytes", "--max-device-memory"},
+    {"fuse_on_host", "--host-fusion"},
     {"origin_W", "--origin"},
     {"origins_W", "--sensor-at"},
     {"free_for_s", "--free-for"},

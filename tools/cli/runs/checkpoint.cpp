@@ -181,7 +181,7 @@ AccessibilityField Checkpoints::load(const std::vector<ToolSpec>& tools, const F
                        (before[n].first == now[n].first ? now[n].second : "replaced by " + now[n].first));
   }
   if (before.size() != now.size()) refuseToResume("state.params", options_.resume, "other parameters were given");
-  return AccessibilityField::loadState(from_, tools, params.backend, params.threads, tableProgress(messages_));
+  return AccessibilityField::loadState(from_, tools, params, tableProgress(messages_));
 }
 
 bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {

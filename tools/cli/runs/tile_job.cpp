@@ -27,18 +27,19 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Flags that say where and how to run, not what to map.
-constexpr const char* kNotOfThePlan[] = {"out",        "device",
-                                         "threads",    "config",
-                                         "quiet",      "error-format",
-                                         "max-memory", "tiles",
-                                         "bin-memory", "fresh",
-                                         "help",       "keep-rays",
-                                         "no-clobber", "print-config",
-                                         "checkpoint", "checkpoint-every",
-                                         "resume",     "append",
-                                         "html",       "remove",
-                                         "removed-as", "allow-disagreement",
-                                         "rolling",    "replay-log"};
+constexpr const char* kNotOfThePlan[] = {"out",         "device",
+                                         "threads",     "config",
+                                         "quiet",       "error-format",
+                                         "max-memory",  "tiles",
+                                         "bin-memory",  "fresh",
+                                         "help",        "keep-rays",
+                                         "no-clobber",  "print-config",
+                                         "checkpoint",  "checkpoint-every",
+                                         "resume",      "append",
+                                         "html",        "remove",
+                                         "removed-as",  "allow-disagreement",
+                                         "rolling",     "replay-log",
+                                         "host-fusion", "max-device-memory"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations", "crs"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",      "tool-axis", "tool-up", "half", "compression",
@@ -292,6 +293,8 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   MapOptions planned = optionsFrom(out, settings);
   planned.common = options.common;
   planned.max_memory = options.max_memory;
+  planned.host_fusion = options.host_fusion;
+  planned.max_device_memory = options.max_device_memory;
   planned.out = out.string();
   std::vector<MapOptions> flights;
   for (const tiles::Flight& flight : plan.flights) {

@@ -110,7 +110,8 @@ std::string commented(const FlagParser& flags, const MapOptions& options, const 
   for (const auto& [key, value] : flags.settings()) {
     const std::string* const given = std::get_if<std::string>(&value);
     const bool own = key == "voxel" || key == "range-noise" || key == "tau" || key == "tiles" || key == "out" ||
-                     key == "max-memory" || key == "threads" || key == "device";
+                     key == "max-memory" || key == "threads" || key == "device" || key == "host-fusion" ||
+                     key == "max-device-memory";
     if (!flags.isSet(key) || own) continue;
     text += given != nullptr ? configEntry(key, *given) : configEntry(key, std::get<bool>(value) ? "true" : "false");
   }
