@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb-lab bench: a simulated flight among pines, with every stage of every frame timed.
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -67,6 +68,8 @@ class BenchRun {
  private:
   void replay(const sim::Simulator& simulator, AccessibilityField& field);
   void takeScan(const sim::SimulatedFrame& scan, AccessibilityField& field);
+  /// Until the next timed frame is due, with --scans-per-second.
+  void waitForScan();
   /// Waits for the update of the scan before, with --pipelined.
   void finishFrame();
   [[nodiscard]] bool finished() const;
@@ -99,6 +102,7 @@ class BenchRun {
   const BenchOptions& options_;
   Messages& messages_;
   BenchRecord record_;
+  std::optional<Clock::time_point> next_scan_;  ///< with --scans-per-second: when the next timed frame is due
   // With --pipelined:
   UpdateTicket running_;
   BenchFrame running_frame_;            ///< whose update is running
@@ -163,9 +167,11 @@ void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field
         simulator.framesOfReturns(begin, std::min(options_.frames, begin + kScansAhead), options_.points_per_frame);
     simulation_s_ += secondsSince(simulating);
     frame_began_ = Clock::now();
+    if (next_scan_) *next_scan_ += frame_began_ - simulating;  // the scanner stands still meanwhile
     for (const sim::SimulatedFrame& scan : scans) {
       if (stopSignal() != 0 || finished()) break;
       noteTimedBegin(field);
+      waitForScan();
       takeScan(scan, field);
       if (record_.frames() == 0) continue;
       const BenchFrame& last = record_.last();
@@ -175,6 +181,19 @@ void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field
     finishFrame();  // before the clock stops for the next scans
     if (stopSignal() != 0 || finished()) return;
   }
+}
+
+/// A frame that took longer than there was time is followed at once, until the frames have caught up with the scanner.
+void BenchRun::waitForScan() {
+  if (options_.scans_per_second == 0 || !timed_from_) return;
+  constexpr auto kLook = std::chrono::milliseconds(100);  // whether the run is to stop
+  const auto period =
+      std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / options_.scans_per_second));
+  if (!next_scan_) next_scan_ = Clock::now();
+  while (stopSignal() == 0 && Clock::now() < *next_scan_) {
+    std::this_thread::sleep_until(std::min(*next_scan_, Clock::now() + kLook));
+  }
+  *next_scan_ += period;
 }
 
 /// Pipelined, the time of a frame is that from one end of an update to the next, so that all of them add up to the
@@ -229,6 +248,8 @@ Json BenchRun::describe(const AccessibilityField& field) const {
     if (space != std::string::npos) parameters[line.substr(0, space)] = line.substr(space + 1);
   }
   parameters["mirror_distance"] = params.mirror_distance;
+  parameters["fuse_on_host"] = params.fuse_on_host;
+  parameters["device_cache_bytes"] = params.device_cache_bytes;
   const std::size_t timed = timedFrames();
   Json json = {{"schema", 1},
                {"version", ACCESSVDB_VERSION},
@@ -244,6 +265,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                {"policy", params.update.policy == UpdatePolicy::Exact ? "exact" : "paper"},
                {"budget_points", params.update.budget_points},
                {"pipelined", options_.pipelined},
+               {"scans_per_second", options_.scans_per_second},
                {"warm_up_update_every", options_.warm_up_update_every},
                {"frames", record_.frames()},
                {"timed_frames", timed},

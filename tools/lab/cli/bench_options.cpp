@@ -41,6 +41,22 @@ void checkWarmUp(const BenchOptions& options) {
   refuseWith(options.pipelined, "--pipelined");
 }
 
+void checkRate(const BenchOptions& options) {
+  constexpr const char* kFlag = "--scans-per-second";
+  constexpr double kSlowest = 0.1, kFastest = 1000;
+  const double rate = options.scans_per_second;
+  if (rate == 0) return;
+  if (!(rate >= kSlowest && rate <= kFastest)) {
+    throw InvalidArgument("usage.number", kFlag,
+                          numberText(rate) + " is outside " + numberText(kSlowest) + " .. " + numberText(kFastest),
+                          "Use for example 10, or 0 for as fast as possible");
+  }
+  if (options.pipelined) {
+    throw InvalidArgument("usage.rate", kFlag, "does not go with --pipelined, which counts how many fit into a second",
+                          "Leave out one of the two");
+  }
+}
+
 }  // namespace
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options) {
@@ -71,6 +87,10 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
       "part: gets there sooner, with the same labels. Not with --budget-points or --pipelined");
   flags.flag("--pipelined", options.pipelined,
              "fuse each scan while the one before is scored: measures frames per second, not the time to a label");
+  flags.option(
+      "--scans-per-second", &options.scans_per_second,
+      "begin the timed frames at this rate, so that work that is left behind has the time that a scanner gives "
+      "it; waiting does not count. 0 = as fast as possible");
   flags.option("--points-per-frame", &options.points_per_frame, "exact number of returns per scan");
   flags.option("--sensor-rate", &options.sensor_rate_hz, "scans per second");
   flags.option("--speed", &options.speed_m_s, "speed along the path, metres per second; default: 1, hovering 0.01");
@@ -92,6 +112,7 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   addPointsOptions(flags, options.map);
   flags.option("--corridor", &options.map.corridor_m, "length of the straight corridor that must be free, metres");
   addMirrorOption(flags, options.map);
+  addFusionOptions(flags, options.map);
   addChangeOptions(flags, options.map);
   addClearOptions(flags, options.map);
   flags.option("--per-frame", &options.per_frame, "CSV file for the figures of every frame");
@@ -124,6 +145,7 @@ void checkBenchOptions(const BenchOptions& options) {
                           "has no meaning without --shortest", "Add --shortest and --min-surface-points");
   }
   checkWarmUp(options);
+  checkRate(options);
   if (options.begin_by) {
     requireWhole("--begin-by", *options.begin_by, options.frames - options.timed_frames - settlingFrames(options));
   }

@@ -17,6 +17,7 @@ struct BenchOptions {
   MapOptions map;  ///< common flags, tool and field settings; the other members are unused
   std::string scene = "pine", path = "flight", out, per_frame;
   int frames = 600, timed_frames = 200, points_per_frame = 20000, budget_points = 0, warm_up_update_every = 1;
+  double scans_per_second = 0;  ///< at which timed frames begin; 0 = as fast as possible
   double sensor_rate_hz = 10, range_noise_m = 0.02, min_range_m = 0.2, max_range_m = 30;
   std::optional<double> speed_m_s;        ///< default by path: benchSpeed_m_s()
   std::optional<double> max_new_percent;  ///< the timed part begins no earlier
