@@ -27,8 +27,9 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMostConfigBytes = std::size_t{1} << 20;
 constexpr std::ptrdiff_t kMostConfigDots = 10'000;
 
-constexpr const char* kVerbs[] = {"map",  "tile",  "live", "advise", "consistency", "evaluate", "simulate", "bench",
-                                  "info", "query", "diff", "render", "report",      "whatif",   "export"};
+constexpr const char* kVerbs[] = {"map",      "tile",   "live",   "advise",     "consistency", "evaluate",
+                                  "simulate", "bench",  "info",   "query",      "diff",        "render",
+                                  "report",   "whatif", "export", "approaches", "views"};
 
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 /// @param between  of the elements of an array
