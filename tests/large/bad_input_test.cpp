@@ -99,7 +99,8 @@ TEST_F(TileRefusal, TheSameRunElsewhereAndAgainIsTheSame) {
   fs::current_path("/");
   succeed(step("run"));
   scans_ = {"--scans", path("scans"), "--poses", path("poses.txt")};
-  EXPECT_TRUE(has(succeed(map({"--tiles", "6.4", "--threads", "1"})), "going on"));
+  EXPECT_TRUE(has(succeed(map({"--tiles", "6.4", "--threads", "1", "--host-fusion", "--max-device-memory", "1G"})),
+                  "going on"));
   EXPECT_TRUE(has(succeed(map({"--max-memory", "2G"})), "going on"));
   expectOnePiece();
 }
@@ -408,6 +409,7 @@ TEST_F(TileRefusal, FilesOfAnEarlierMapInOnePieceGo) {
 TEST_F(TileRefusal, TooLittleMemoryForTheToolSplitsNothing) {
   planAndBin({"--tiles", "12.8"});
   refuse(step("run", {"--max-memory", "50M"}), 5, "limit.memory");
+  refuse(step("run", {"--max-device-memory", "50M"}), 2, "config.range");
   for (const std::string& name : tilesOf()) EXPECT_FALSE(has(name, ".")) << name;
   succeed(step("run"));
   succeed(step("merge", {"--vdb", path("all.vdb"), "--keep-rays"}));
