@@ -7,7 +7,7 @@
 
 #include <vector>
 
-#include "tsdf/leaf_walk.h"
+#include "tsdf/return_region.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -25,18 +25,20 @@ bool forEachReachedLeaf(const TsdfParams& resolved, std::span<const Eigen::Vecto
   if (resolved.region == UpdateRegion::Projective) return false;
   RegionShape shape(resolved);
   // Beyond the slopes that RegionSlices bounds, whole leaves around a wide cone's middle may be written: use the cube.
-  if (shape.cone_sin_squared > kMostSinSquared) shape.region = UpdateRegion::FullCube;
+  if (shape.cone_sin_squared > kMostSinSquared) shape.full_cube = true;
   const float margin = static_cast<float>(reach) + kOwnSlack;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kReturnsPerTask), [&](const auto& range) {
     std::vector<Index3> leaves;
     leaves.reserve(kReturnsPerTask * 12);
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const ReturnRay ray = makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), resolved.voxel_size_m);
-      const RegionSlices slices(shape, ray);
-      visitLayers(
+      const kernels::RegionSlices slices(shape, ray);
+      kernels::visitLayers(
           slices, ray, slices.coneAlong(), margin,
           [&](Interval slice, int axis) { return slices.coneAcross(slice, axis); },
-          [&](const Index3& leaf) { leaves.push_back(leaf); });
+          [&](const std::int32_t* leaf) {
+            leaves.push_back({leaf[0], leaf[1], leaf[2]});
+          });
     }
     take(leaves);
   });

@@ -53,7 +53,7 @@ void LeafFusion::flushSums() {
 
 void LeafFusion::markThinBand(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray) {
   int last = -1;
-  forEachThinBandVoxel(shape_, ray, [&](const std::array<std::int32_t, 3>& ijk) {
+  kernels::forEachThinBandVoxel(shape_, ray, [&](const std::int32_t* ijk) {
     std::array<int, 3> local;
     bool inside = true;
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -96,8 +96,7 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
   passed_ = {};
   contra_ = {};
   found_news_ = false;
-  const auto add_samples =
-      shape_.region == UpdateRegion::DoubleCone ? kernels_.add_double_cone : kernels_.add_full_cube;
+  const auto add_samples = shape_.full_cube ? kernels_.add_full_cube : kernels_.add_double_cone;
   std::size_t since_flush = 0;
   for (std::size_t n = 0; n < entries.size(); ++n) {
     prefetchWrite(rays + entries.data()[n + kLookAhead].index(), sizeof(ReturnRay));

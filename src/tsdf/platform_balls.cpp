@@ -8,7 +8,7 @@
 #include <tuple>
 #include <utility>
 
-#include "tsdf/leaf_walk.h"
+#include "hostdev/return_leaves.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -33,7 +33,7 @@ std::vector<ReturnRay> oneOfEachVoxel(std::span<const Eigen::Vector3f> q_L, doub
 bool collides(const PackedMap& map, const RegionShape& shape, const ReturnRay& ball) {
   ConstPackedAccessor accessor(map.tree());
   bool found = false;
-  forEachLeafAround(ball, shape.ball_radius, [&](const std::array<std::int32_t, 3>& at) {
+  kernels::forEachLeafAround(ball, shape.ball_radius, [&](const std::int32_t* at) {
     const openvdb::Coord origin(at[0] * 8, at[1] * 8, at[2] * 8);
     const PackedLeaf* leaf = accessor.probeConstLeaf(origin);
     const LeafBits* left_out = map.leftOut().find(origin);

@@ -8,10 +8,10 @@
 #include <bit>
 #include <optional>
 
-#include "tsdf/leaf_walk.h"
-
 namespace accessvdb::internal {
 namespace {
+
+using kernels::RegionSlices;
 
 /// Small enough that many threads get equal shares of one scan.
 constexpr std::size_t kReturnsPerChunk = 256;
@@ -53,27 +53,8 @@ namespace {
 template <typename Visit>
 void forEachEntry(const RegionShape& shape, const RegionSlices& slices, const ReturnRay& ray, std::uint32_t index,
                   const Visit& visit) {
-  const auto entryOf = [&](LeafEntry entry) {
-    return [&visit, entry](const std::array<std::int32_t, 3>& leaf) {
-      visit(leafKeyOf(leaf[0], leaf[1], leaf[2]), entry);
-    };
-  };
-  const LeafEntry cone = {index << 2 | LeafEntry::kCone}, band = {index << 2 | LeafEntry::kBand};
-  visitLayers(
-      slices, ray, slices.coneAlong(), 0, [&](Interval slice, int n) { return slices.coneAcross(slice, n); },
-      entryOf(cone));
-  if (!shape.thinBand()) {
-    visitLayers(
-        slices, ray, slices.bandAlong(), 0, [&](Interval slice, int n) { return slices.bandAcross(slice, n); },
-        entryOf(band));
-    return;
-  }
-  LeafKey last = ~LeafKey{0};
-  forEachThinBandVoxel(shape, ray, [&](const std::array<std::int32_t, 3>& voxel) {
-    const auto leafOf = [&](std::size_t axis) { return (ray.base_ijk[axis] + voxel[axis]) >> 3; };
-    const LeafKey key = leafKeyOf(leafOf(0), leafOf(1), leafOf(2));
-    if (key != last) visit(key, band);  // a straight line never returns
-    last = key;
+  kernels::forEachLeafOfReturn(shape, slices, ray, [&](const std::int32_t* leaf, std::uint32_t part) {
+    visit(leafKeyOf(leaf[0], leaf[1], leaf[2]), LeafEntry{index << 2 | part});
   });
 }
 
@@ -81,7 +62,7 @@ void forEachEntry(const RegionShape& shape, const RegionSlices& slices, const Re
 class ClearSpace {
  public:
   explicit ClearSpace(const PackedMap& map) : accessor_(map.tree()) {}
-  [[nodiscard]] bool has(const std::array<std::int32_t, 3>& leaf, const LeafBits& bits) {
+  [[nodiscard]] bool has(const std::int32_t* leaf, const std::uint64_t* bits) {
     const openvdb::Coord ijk(leaf[0] * 8, leaf[1] * 8, leaf[2] * 8);
     const auto* node = accessor_.probeConstNode<PackedLowerNode>(ijk);
     if (node == nullptr) return false;
@@ -101,24 +82,10 @@ class ClearSpace {
 template <typename Visit>
 void forEachLineEntry(const RegionShape& shape, const ReturnRay& ray, std::uint32_t index, ClearSpace* clear,
                       const Visit& visit) {
-  const kernels::ClearedLine line(ray, shape.band_end, shape.line_end);
-  if (line.count == 0) return;
-  std::array<std::int32_t, 3> leaf = {};
-  LeafBits bits = {};
-  const auto leave = [&] {
+  kernels::forEachLeafOfLine(shape, ray, [&](const std::int32_t* leaf, const std::uint64_t* bits) {
     if (clear == nullptr || !clear->has(leaf, bits))
       visit(leafKeyOf(leaf[0], leaf[1], leaf[2]), LeafEntry{index << 2 | LeafEntry::kLine});
-    bits = {};
-  };
-  for (std::int32_t n = 1; n <= line.count; ++n) {
-    const std::int32_t x = ray.base_ijk[0] + line.voxel(n, 0), y = ray.base_ijk[1] + line.voxel(n, 1),
-                       z = ray.base_ijk[2] + line.voxel(n, 2);
-    const std::array<std::int32_t, 3> next = {x >> 3, y >> 3, z >> 3};
-    if (n > 1 && next != leaf) leave();
-    leaf = next;
-    bits[static_cast<std::size_t>(x & 7)] |= std::uint64_t{1} << (8 * (y & 7) + (z & 7));
-  }
-  leave();
+  });
 }
 
 }  // namespace
@@ -136,7 +103,7 @@ void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays, std::s
     for (std::size_t i = n * kReturnsPerChunk; i < end; ++i) {
       const auto index = static_cast<std::uint32_t>(i);
       if (i >= rays.size() - balls) {
-        forEachLeafAround(rays[i], shape.ball_radius, [&](const std::array<std::int32_t, 3>& leaf) {
+        kernels::forEachLeafAround(rays[i], shape.ball_radius, [&](const std::int32_t* leaf) {
           add(leafKeyOf(leaf[0], leaf[1], leaf[2]), LeafEntry{index << 2 | LeafEntry::kBall});
         });
         continue;

@@ -132,7 +132,7 @@ void ScanOnDevice::take(const internal::PackedMap& map, std::span<const Eigen::V
   d_flips_.grow(memory_, std::max<std::size_t>(leaves_.size(), 1), 0);
   view_.count = static_cast<std::uint32_t>(leaves_.size());
   view_.heavy = static_cast<std::uint32_t>(light - leaves_.begin());
-  view_.full_cube = shape.region == UpdateRegion::FullCube;
+  view_.full_cube = shape.full_cube;
   view_.thin_band = shape.thinBand();
   view_.constants = internal::kernelConstants(map, shape);
 }
