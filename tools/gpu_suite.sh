@@ -201,6 +201,7 @@ if wanted sanitizers; then
     checked+=:ShortStream/CudaStream.PipelinedEqualsTheCpu/0:ShortStream/CudaSurface.EqualsTheCpuAfterEveryUpdate/0
     checked+=:ShortStream/CudaBudget.OnlyDelays/0:ShortStream/CudaPaper.EvaluatesTheSamePointsAsTheCpu/0
     checked+=:FitsOnDevice.ShortRun
+    checked+=:FusionTwin.MoreReturnsInAVoxelThanTheSumsOfAllWarpsCanHold
     expected=$(tr -cd : <<<":$checked" | wc -c)
     for tool in memcheck racecheck initcheck synccheck; do
       start=$(date +%s.%N)

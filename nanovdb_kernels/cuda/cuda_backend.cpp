@@ -215,6 +215,13 @@ class Implementation final : public CudaBackend {
   std::unique_ptr<ExactUpdater> makeExactUpdater(const ExactTables& tables) override {
     return kernels::makeExactUpdater(context_, *this, tables);
   }
+  std::unique_ptr<ScanFuser> makeScanFuser(const FusionSetting& setting, const OccupancyGrid* grid) override {
+    return makeDeviceScanFuser(setting, grid);
+  }
+  std::unique_ptr<DeviceScanFuser> makeDeviceScanFuser(const FusionSetting& setting,
+                                                       const OccupancyGrid* grid) override {
+    return kernels::makeScanFuser(context_, *this, setting, grid);
+  }
   std::unique_ptr<PaperUpdater> makePaperUpdater(const PaperTables& tables) override {
     return kernels::makePaperUpdater(context_, *this, tables);
   }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "cuda/fusion/scan_fuser.h"
 #include "launch/backend.h"
 
 namespace accessvdb::kernels {
@@ -42,6 +43,9 @@ class CudaBackend : public Backend {
   virtual void setPath(SearchPath path) = 0;
   /// Returns when the device has nothing left to do.
   virtual void finish() = 0;
+  /// makeScanFuser() with what tests need.
+  [[nodiscard]] virtual std::unique_ptr<DeviceScanFuser> makeDeviceScanFuser(const FusionSetting& setting,
+                                                                             const OccupancyGrid* grid) = 0;
   /// Allocations made so far.
   [[nodiscard]] virtual std::uint64_t allocations() const = 0;
 };

@@ -17,6 +17,7 @@
 #include "launch/exact_updater.h"
 #include "launch/mirror_arena.h"
 #include "launch/paper_updater.h"
+#include "launch/scan_fuser.h"
 #include "launch/tool_fits.h"
 
 namespace accessvdb::kernels {
@@ -85,6 +86,12 @@ class Backend : public DeviceMemory {
   /// Null if the host decides what is due (src/update/exact_on_host.cpp). Must not outlive the backend.
   [[nodiscard]] virtual std::unique_ptr<ExactUpdater> makeExactUpdater(const ExactTables& tables) {
     (void)tables;
+    return nullptr;
+  }
+  /// Null if scans are fused on the host. @param grid  a mirror of facts in an arena of this backend, empty
+  [[nodiscard]] virtual std::unique_ptr<ScanFuser> makeScanFuser(const FusionSetting& setting,
+                                                                 const OccupancyGrid* grid) {
+    (void)setting, (void)grid;
     return nullptr;
   }
   /// The same for the paper's policy (src/update/paper_on_host.cpp).

@@ -74,11 +74,19 @@ struct LeafFlips {
 namespace flipped_voxel {
 
 /// @param place  64 x + 8 y + z in its leaf
-inline std::uint16_t codeOf(int place, bool collides) {
+ACCESSVDB_HOSTDEV inline std::uint16_t codeOf(int place, bool collides) {
   return static_cast<std::uint16_t>(place << 1 | (collides ? 1 : 0));
 }
 
 }  // namespace flipped_voxel
+
+/// What flipped, in the memory of the backend. Complete once the mirror is.
+struct FlipsOnDevice {
+  const LeafFlips* leaves = nullptr;  ///< a leaf may come several times
+  std::uint32_t count = 0;
+  const std::uint16_t* voxels = nullptr;  ///< flipped_voxel::codeOf()
+  std::uint32_t voxel_count = 0;
+};
 
 /// Lists of flips; a leaf may be in several.
 struct FlipLists {
@@ -86,6 +94,7 @@ struct FlipLists {
   /// flipped_voxel::codeOf() of all voxels, in as many lists; the leaves count through all of them. Empty if no tool
   /// has arcs.
   std::span<const std::span<const std::uint16_t>> voxels;
+  FlipsOnDevice on_device = {};  ///< if it has any, the lists are empty
 };
 
 /// An update is any number of admit() and begin(), in any order, then choose(), then update(). findNeighbours() may be

@@ -6,12 +6,13 @@
 ///   fuse    ScanIntegrator::integrate, everything
 ///   points  PointStore::addReturns, the other part of the verb's `integrate`
 ///   age     where free space ages: what a scan's stamp makes unknown
-/// and a hash of the map, which no optimisation may change. With ACCESSVDB_BENCH_DEVICE=N, the last frame is also fused
-/// on the GPU, N times, and compared with the map: `device` is the time of the kernel, with all leaves in place and the
-/// returns sorted by leaf. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
-/// ACCESSVDB_BENCH_TIMED (100, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all),
-/// ACCESSVDB_BENCH_BLOCK (1 = new things block; 0), ACCESSVDB_BENCH_FREE_FOR_S (0 = for ever),
-/// ACCESSVDB_BENCH_ROUNDS (1), ACCESSVDB_BENCH_SCANS (a file that keeps the scans, as simulating them takes longer).
+/// and a hash of the map, which no optimisation may change. With ACCESSVDB_BENCH_DEVICE=1, the GPU fuses the same scans
+/// into a map of its own, which is compared at the end: `device` is its time from the arrival of a scan until facts and
+/// values are there, `call` that of the call that waits for it; with ACCESSVDB_BENCH_CACHE_MB it keeps so many of
+/// values (0: all). Options by environment: ACCESSVDB_BENCH_FRAMES (120), ACCESSVDB_BENCH_TIMED (100, the last ones),
+/// ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_BLOCK (1 = new things block; 0),
+/// ACCESSVDB_BENCH_FREE_FOR_S (0 = for ever), ACCESSVDB_BENCH_ROUNDS (1), ACCESSVDB_BENCH_SCANS (a file that keeps the
+/// scans, as simulating them takes longer).
 #include <openvdb/openvdb.h>
 #include <sys/resource.h>
 #include <tbb/global_control.h>
@@ -60,40 +61,51 @@ void printTimes(const char* name, std::vector<double> ms) {
 }
 
 #if ACCESSVDB_BENCH_HAS_CUDA
-/// The last frame on the GPU.
-class DeviceFrame {
+/// The same flight on the GPU.
+class DeviceFlight {
  public:
-  void fuse(const internal::PackedMap& map, const bench::FlightScan& scan, int times) {
-    twin_.take(map, scan.p_L, {&scan.q_L, 1});
-    for (int n = 0; n < times; ++n) ms_.push_back(static_cast<double>(twin_.fuse()));
+  /// @param cache_bytes  0: no limit
+  DeviceFlight(const internal::PackedMap& map, std::unique_ptr<internal::PackedMap> behind, std::uint64_t cache_bytes)
+      : behind_(std::move(behind), 0), twin_(*backend_, map, behind_, cache_bytes) {}
+  void fuse(const internal::PackedMap& map, const bench::FlightScan& scan, bool timed) {
+    twin_.fuse(map, scan.p_L, {&scan.q_L, 1});
+    if (!timed) return;
+    kernel_ms_.push_back(static_cast<double>(twin_.milliseconds()));
+    call_ms_.push_back(twin_.callMilliseconds());
   }
   void print(const internal::PackedMap& map, const internal::IntegrationResult& result) {
-    printTimes("device", ms_);
+    printTimes("device", kernel_ms_);
+    printTimes("call", call_ms_);
     const test::FusionDifferences found = twin_.compare(map, result);
-    std::printf("device  %s: %llu leaves, %llu entries, %llu wide, %llu with votes; %llu differ\n",
-                backend_->name().c_str(), static_cast<unsigned long long>(twin_.leafCount()),
-                static_cast<unsigned long long>(twin_.entryCount()),
-                static_cast<unsigned long long>(twin_.wideLeafCount()),
-                static_cast<unsigned long long>(twin_.votedLeafCount()), static_cast<unsigned long long>(found.all()));
+    std::printf("device  %s: %llu differ; %.0f MB beside the grid\n", backend_->name().c_str(),
+                static_cast<unsigned long long>(found.all()), 1e-6 * static_cast<double>(twin_.bytes()));
   }
 
  private:
   std::unique_ptr<kernels::CudaBackend> backend_ = kernels::makeCudaBackend(kernels::CudaOptions{});
-  test::ScanOnDevice twin_{*backend_};
-  std::vector<double> ms_;
+  test::MapBehind behind_;
+  test::ScanOnDevice twin_;
+  std::vector<double> kernel_ms_, call_ms_;
 };
 #endif
 
+std::unique_ptr<internal::PackedMap> makeMap(const FieldParams& params) {
+  auto map = std::make_unique<internal::PackedMap>(params.tsdf);
+  map->setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+  if (environment("ACCESSVDB_BENCH_BLOCK", 0) != 0) {
+    map->blockNewThings(static_cast<float>(internal::farFromSurfaces_m(params)));
+  }
+  return map;
+}
+
 void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
   const FieldParams params = bench::flightParams(voxel_size_m);
-  internal::PackedMap map(params.tsdf);
-  map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+  const std::unique_ptr<internal::PackedMap> made = makeMap(params);
+  internal::PackedMap& map = *made;
   const int free_for_s = environment("ACCESSVDB_BENCH_FREE_FOR_S", 0);
-  if (environment("ACCESSVDB_BENCH_BLOCK", 0) != 0) {
-    map.blockNewThings(static_cast<float>(internal::farFromSurfaces_m(params)));
-  }
   if (free_for_s > 0) map.ageFreeSpace(free_for_s);
   internal::ScanIntegrator integrator(map);
+  integrator.hashFlips(environment("ACCESSVDB_BENCH_DEVICE", 0) != 0);
   kernels::DirectionTable level;
   level.xy.resize(2 * static_cast<std::size_t>(params.approach.num_directions));
   internal::PointStore points(params, level);
@@ -101,6 +113,13 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   double user_ms = 0, system_ms = 0, touched = 0, fresh = 0, updates = 0, passes = 0, changed = 0, aged = 0;
   std::uint64_t changes_hash = 0;
   const std::size_t first = scans.size() - static_cast<std::size_t>(timed);
+#if ACCESSVDB_BENCH_HAS_CUDA
+  std::unique_ptr<DeviceFlight> device;
+  if (environment("ACCESSVDB_BENCH_DEVICE", 0) != 0) {
+    const auto cache_bytes = static_cast<std::uint64_t>(environment("ACCESSVDB_BENCH_CACHE_MB", 0)) * 1000000;
+    device = std::make_unique<DeviceFlight>(map, makeMap(params), cache_bytes);
+  }
+#endif
   for (std::size_t n = 0; n < scans.size(); ++n) {
     const bench::FlightScan& scan = scans[n];
     const kernels::Stopwatch ageing;
@@ -108,12 +127,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     if (map.agesFreeSpace()) aged_parts = map.generations()->pass(map, bench::kFlightPeriod_s);
     const double ageing_ms = ageing.milliseconds();
 #if ACCESSVDB_BENCH_HAS_CUDA
-    const int on_device = n + 1 == scans.size() ? environment("ACCESSVDB_BENCH_DEVICE", 0) : 0;
-    std::unique_ptr<DeviceFrame> device;
-    if (on_device > 0) {
-      device = std::make_unique<DeviceFrame>();
-      device->fuse(map, scan, on_device);
-    }
+    if (device) device->fuse(map, scan, n >= first);
 #endif
     const CpuTime before = CpuTime::now();
     const kernels::Stopwatch fusing;
@@ -121,7 +135,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     const double ms = fusing.milliseconds();
     const CpuTime after = CpuTime::now();
 #if ACCESSVDB_BENCH_HAS_CUDA
-    if (device) device->print(map, result);
+    if (device && n + 1 == scans.size()) device->print(map, result);
 #endif
     const kernels::Stopwatch adding;
     points.addReturns(scan.p_L, {&scan.q_L, 1});

@@ -27,7 +27,7 @@ cuda-memory std api hostdev launch cudart
 cuda-search std api hostdev launch cudart cuda-memory
 cuda-fusion std api hostdev launch cudart cuda-memory cuda-search
 cuda-update std api hostdev launch cudart cuda-memory cuda-search
-cuda     std api hostdev launch cudart cuda-memory cuda-update cuda-search
+cuda     std api hostdev launch cudart cuda-memory cuda-update cuda-search cuda-fusion
 vdb      openvdb
 processor std simd
 tsdf     std posix processor api grids eigen openvdb vdb tbb hostdev

@@ -28,6 +28,8 @@ struct TwinScan {
 /// What a stream had to offer: a comparison of nothing proves nothing.
 struct StreamTotals {
   std::uint64_t leaves = 0, wide_leaves = 0, news = 0, voted_leaves = 0, updates = 0, flips = 0;
+  std::uint64_t on_host = 0,
+                leaves_read = 0;  ///< with a limit: most leaves without values here, and those that came back
   void expectAtLeast(const StreamTotals& least) const {
     EXPECT_GE(leaves, least.leaves);
     EXPECT_GE(wide_leaves, least.wide_leaves);
@@ -45,24 +47,34 @@ class FusionTwin : public GpuTest {
     if (!IsSkipped() && !HasFatalFailure()) backend_ = kernels::makeCudaBackend(kernels::CudaOptions{});
   }
 
-  /// Fuses a stream on both, scan by scan. @param far_m  of news; 0: nothing votes
-  StreamTotals compare(const TsdfParams& params, const std::vector<TwinScan>& scans, double far_m) {
-    PackedMap map(params);
-    map.setCollisionDistance(static_cast<float>(0.5 * params.voxel_size_m));
-    if (far_m > 0) map.blockNewThings(static_cast<float>(far_m));
+  static std::unique_ptr<PackedMap> makeMap(const TsdfParams& params, double far_m) {
+    auto map = std::make_unique<PackedMap>(params);
+    map->setCollisionDistance(static_cast<float>(0.5 * params.voxel_size_m));
+    if (far_m > 0) map->blockNewThings(static_cast<float>(far_m));
+    return map;
+  }
+
+  /// Fuses a stream on both, scan by scan. @param far_m  of news; 0: nothing votes  @param cache_bytes  0: no limit
+  StreamTotals compare(const TsdfParams& params, const std::vector<TwinScan>& scans, double far_m,
+                       std::uint64_t cache_bytes = 0) {
+    const std::unique_ptr<PackedMap> made = makeMap(params, far_m);
+    PackedMap& map = *made;
     ScanIntegrator integrator(map);
-    ScanOnDevice twin(*backend_);
+    integrator.hashFlips(true);
+    MapBehind behind(makeMap(params, far_m), 4);
+    ScanOnDevice twin(*backend_, map, behind, cache_bytes);
     StreamTotals totals;
     for (std::size_t n = 0; n < scans.size(); ++n) {
       SCOPED_TRACE("scan " + std::to_string(n));
-      twin.take(map, scans[n].p_L, {&scans[n].q_L, 1});
-      twin.fuse();
+      twin.fuse(map, scans[n].p_L, {&scans[n].q_L, 1});
       const internal::IntegrationResult result = integrator.integrate(scans[n].p_L, {&scans[n].q_L, 1});
       const FusionDifferences found = twin.compare(map, result);
-      EXPECT_EQ(found.reached, 0u);
+      EXPECT_EQ(found.leaves, 0u);
+      EXPECT_EQ(found.facts, 0u);
       EXPECT_EQ(found.values, 0u);
       EXPECT_EQ(found.cleared, 0u);
       EXPECT_EQ(found.votes, 0u);
+      EXPECT_EQ(found.weights, 0u);
       EXPECT_EQ(found.flips, 0u);
       EXPECT_EQ(found.counts, 0u);
       if (HasFailure()) return totals;
@@ -72,7 +84,9 @@ class FusionTwin : public GpuTest {
       totals.voted_leaves += map.votedLeafCount();
       totals.updates += result.counts.distance_updates;
       totals.flips += result.counts.flipped_voxels;
+      totals.on_host = std::max(totals.on_host, twin.leavesOnHost());
     }
+    totals.leaves_read = behind.leavesRead();
     return totals;
   }
 
@@ -200,6 +214,20 @@ TEST_F(FusionTwin, BordersOfTheCone) {
   }
 }
 
+/// Back and forth: values leave and come back, while the map on the host is up to four scans behind.
+TEST_F(FusionTwin, ValuesThatLeaveAndComeBack) {
+  std::vector<TwinScan> scans = walk(8, 8000);
+  for (int n = 7; n-- > 0;) scans.push_back(scans[static_cast<std::size_t>(n)]);
+  const TsdfParams params = paramsOf(0.02, 0.1);
+  for (const std::uint64_t cache_bytes : {std::uint64_t{1}, std::uint64_t{1} << 23, std::uint64_t{1} << 26}) {
+    SCOPED_TRACE(cache_bytes);
+    const StreamTotals totals = compare(params, scans, farOf(params), cache_bytes);
+    if (HasFailure()) return;
+    EXPECT_GT(totals.on_host, 10000u);
+    EXPECT_GT(totals.leaves_read, 10000u);
+  }
+}
+
 TEST_F(FusionTwin, ThePapersRegion) {
   TsdfParams params = paramsOf(0.01, 0.08);
   params.region = UpdateRegion::FullCube;
@@ -244,7 +272,10 @@ TEST_F(FusionTwin, RandomStreams) {
         scan.p_L.push_back(((centre + spread * place) * v).cast<float>());
       }
     }
-    const StreamTotals totals = compare(params, scans, random() % 4 == 0 ? 0 : uniform(1, 4) * v);
+    const double far_m = random() % 4 == 0 ? 0 : uniform(1, 4) * v;
+    // Where lines are cleared, what the host need not look at is seen in values.
+    const std::uint64_t cache_bytes = params.clear_rays_m > 0 || random() % 2 == 0 ? 0 : random() % (1u << 22);
+    const StreamTotals totals = compare(params, scans, far_m, cache_bytes);
     if (HasFailure()) return;
     votes += totals.voted_leaves;
     wide += totals.wide_leaves;

@@ -2,31 +2,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "parity/scan_on_device.h"
 
-#include <cuda_runtime_api.h>
-
 #include <algorithm>
 #include <array>
 #include <cstring>
 #include <map>
+#include <stdexcept>
+#include <utility>
 
-#include "cuda/memory/cuda_check.h"
-#include "cuda/memory/owned_event.h"
+#include "cuda/fusion/leaf_slots.h"
+#include "launch/leaf_patch.h"
+#include "launch/stopwatch.h"
+#include "tsdf/leaf_facts.h"
 #include "tsdf/leaf_fusion.h"
 #include "tsdf/platform_balls.h"
 #include "tsdf/return_bins.h"
 #include "tsdf/scan_news.h"
+#include "update/waiting_flips.h"
 
 namespace accessvdb::test {
 namespace {
 
-using kernels::FusedLeaf;
-using kernels::FusedOutcome;
-using Origin = std::array<std::int32_t, 3>;
-
 constexpr std::size_t kValues = 512, kCleared = 16, kVotes = 48;
-constexpr std::array<std::uint32_t, kValues> kNoValues = {};
 static_assert(sizeof(internal::VoxelVotes) == kVotes * sizeof(std::uint32_t));
-static_assert(sizeof(kernels::FusedFlips::collides_on) == sizeof(LeafBits));
+
+/// Nodes of a grid are aligned to it.
+struct alignas(NANOVDB_DATA_ALIGNMENT) GridUnit {
+  std::byte bytes[NANOVDB_DATA_ALIGNMENT];
+};
 
 LeafBits maskOf(const internal::PackedLeaf& leaf) {
   LeafBits bits;
@@ -34,202 +36,257 @@ LeafBits maskOf(const internal::PackedLeaf& leaf) {
   return bits;
 }
 
-const internal::PackedLeaf* leafAt(const internal::PackedMap& map, const Origin& origin) {
-  return map.tree().probeConstLeaf({origin[0], origin[1], origin[2]});
-}
-
-template <typename T>
-void upload(kernels::DeviceMemory& memory, const std::vector<T>& from, kernels::DeviceArray<T>& to) {
-  to.grow(memory, std::max<std::size_t>(from.size(), 1), 0);
-  to.upload(from.data(), from.size());
-}
-
-template <typename T>
-void download(kernels::DeviceMemory& memory, const kernels::DeviceArray<T>& from, std::size_t count,
-              std::vector<T>& to) {
-  to.resize(count);
-  if (count > 0) memory.download(to.data(), from.data(), count * sizeof(T));
-}
-
 std::uint64_t differs(const void* a, const void* b, std::size_t bytes) { return std::memcmp(a, b, bytes) == 0 ? 0 : 1; }
+
+std::uint32_t weightAt(const internal::PackedMap& map, const openvdb::Coord& ijk) {
+  const internal::PackedLeaf* leaf = map.tree().probeConstLeaf(ijk);
+  internal::LeafValues::Room room;
+  const std::uint32_t* values = leaf == nullptr ? nullptr : internal::LeafValues(*leaf).all(room);
+  return values == nullptr ? 0 : kernels::weightOf(values[internal::PackedLeaf::coordToOffset(ijk)]);
+}
+
+std::uint16_t largestWeight(const internal::PackedMap& map, const kernels::GridGrowth::Origin& voxel, int reach) {
+  std::uint32_t most = 0;
+  for (int x = -reach; x <= reach; ++x) {
+    for (int y = -reach; y <= reach; ++y) {
+      for (int z = -reach; z <= reach; ++z) {
+        most = std::max(most, weightAt(map, {voxel[0] + x, voxel[1] + y, voxel[2] + z}));
+      }
+    }
+  }
+  const bool is_observed = weightAt(map, {voxel[0], voxel[1], voxel[2]}) > 0;
+  return static_cast<std::uint16_t>(is_observed ? most : 0);
+}
+
+void requireThat(bool holds) {
+  if (!holds) throw std::logic_error("the device asked for a leaf without values");
+}
+
+/// What is said of each leaf, with its voxels named, by its place.
+std::map<std::array<std::int32_t, 3>, std::pair<kernels::LeafFlips, std::vector<std::uint16_t>>> byPlace(
+    const std::vector<kernels::LeafFlips>& leaves, const std::vector<std::uint16_t>& voxels) {
+  std::map<std::array<std::int32_t, 3>, std::pair<kernels::LeafFlips, std::vector<std::uint16_t>>> by_place;
+  for (const kernels::LeafFlips& leaf : leaves) {
+    const auto first = voxels.begin() + leaf.first_voxel;
+    std::vector<std::uint16_t> of_leaf(first, first + leaf.voxels);
+    std::sort(of_leaf.begin(), of_leaf.end());
+    by_place[{leaf.leaf[0], leaf.leaf[1], leaf.leaf[2]}] = {leaf, std::move(of_leaf)};
+  }
+  return by_place;
+}
+
+bool same(const kernels::LeafFlips& a, const kernels::LeafFlips& b) {
+  return a.kinds == b.kinds && a.freed_heights == b.freed_heights && a.blocked_heights == b.blocked_heights &&
+         a.freed == b.freed && a.freed_columns == b.freed_columns && a.blocked_columns == b.blocked_columns;
+}
+
+/// Takes note of a slot. @return 1 if it is out of range or another leaf's
+std::uint64_t isTaken(std::vector<bool>& taken, std::uint32_t slot) {
+  if (slot >= taken.size() || taken[slot]) return 1;
+  taken[slot] = true;
+  return 0;
+}
+
+internal::NanoVdbMirror mirrorIn(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
+                                 kernels::MirrorArena** of) {
+  *of = arena.get();
+  return internal::NanoVdbMirror(std::move(arena), voxel_size_m);
+}
 
 }  // namespace
 
-void ScanOnDevice::addLeaf(const internal::PackedMap& map, const Origin& origin_ijk,
-                           std::span<const kernels::LeafEntry> entries, std::uint32_t slot) {
-  const auto is_cone = [](kernels::LeafEntry entry) { return entry.cone(); };
-  const auto is_news = [&](kernels::LeafEntry entry) { return is_cone(entry) && rays_[entry.index()].news != 0; };
-  const internal::PackedLeaf* leaf = leafAt(map, origin_ijk);
-  internal::LeafValues::Room room;
-  const std::uint32_t* values = leaf == nullptr ? nullptr : internal::LeafValues(*leaf).all(room);
-  const internal::VoxelVotes* votes = leaf == nullptr || !map.blocksNewThings() ? nullptr : map.votesOf(*leaf);
-  FusedLeaf fused = {};
-  std::copy(origin_ijk.begin(), origin_ijk.end(), fused.origin_ijk);
-  fused.begin = static_cast<std::uint32_t>(entries_.size());
-  entries_.insert(entries_.end(), entries.begin(), entries.end());
-  fused.end = static_cast<std::uint32_t>(entries_.size());
-  fused.slot = slot;
-  fused.values = fused.votes = FusedLeaf::kNone;
-  existed_.push_back(leaf != nullptr ? 1 : 0);
-  had_values_.push_back(values != nullptr ? 1 : 0);
-  if (values != nullptr || std::any_of(entries.begin(), entries.end(), is_cone)) {
-    fused.values = static_cast<std::uint32_t>(values_.size() / kValues);
-    const std::uint32_t* from = values != nullptr ? values : kNoValues.data();
-    values_.insert(values_.end(), from, from + kValues);
-  }
-  for (const std::uint64_t bits : leaf == nullptr ? LeafBits{} : maskOf(*leaf)) {
-    cleared_.push_back(static_cast<std::uint32_t>(bits));
-    cleared_.push_back(static_cast<std::uint32_t>(bits >> 32));
-  }
-  if (votes != nullptr || (map.blocksNewThings() && std::any_of(entries.begin(), entries.end(), is_news))) {
-    fused.votes = static_cast<std::uint32_t>(votes_.size() / kVotes);
-    votes_.resize(votes_.size() + kVotes);
-    if (votes != nullptr) std::memcpy(votes_.data() + votes_.size() - kVotes, votes->bit.data(), sizeof(votes->bit));
-  }
-  wide_ += std::count_if(entries.begin(), entries.end(), is_cone) > kernels::LeafSums::kMostSamples ? 1 : 0;
-  leaves_.push_back(fused);
+MapBehind::MapBehind(std::unique_ptr<internal::PackedMap> map, std::size_t scans_behind)
+    : map_(std::move(map)), integrator_(*map_), behind_(scans_behind) {}
+
+void MapBehind::take(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  waiting_.push_back({{p_L.begin(), p_L.end()}, {q_L.begin(), q_L.end()}});
+  catchUp(behind_);
 }
 
-void ScanOnDevice::take(const internal::PackedMap& map, std::span<const Eigen::Vector3f> p_L,
+void MapBehind::catchUp(std::size_t behind) {
+  for (; waiting_.size() > behind; waiting_.pop_front(), ++scans_) {
+    integrator_.integrate(waiting_.front().p_L, waiting_.front().q_L);
+  }
+}
+
+void MapBehind::read(std::span<kernels::LeafRecord> leaves) {
+  leaves_read_ += leaves.size();
+  for (kernels::LeafRecord& record : leaves) {
+    const auto& [x, y, z] = record.origin_ijk;
+    const internal::PackedLeaf* leaf = map_->tree().probeConstLeaf({x, y, z});
+    requireThat(leaf != nullptr);
+    internal::LeafValues::Room room;
+    const std::uint32_t* values = internal::LeafValues(*leaf).all(room);
+    requireThat(values != nullptr);
+    std::copy_n(values, kValues, record.values);
+    std::memcpy(record.cleared, maskOf(*leaf).data(), sizeof(record.cleared));
+  }
+}
+
+void MapBehind::readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
+                            std::span<std::uint16_t> weights) {
+  wait();
+  for (std::size_t n = 0; n < voxels.size(); ++n) weights[n] = largestWeight(*map_, voxels[n], reach);
+}
+
+ScanOnDevice::ScanOnDevice(kernels::CudaBackend& backend, const internal::PackedMap& map, MapBehind& behind,
+                           std::uint64_t cache_bytes)
+    : backend_(backend),
+      behind_(behind),
+      mirror_(mirrorIn(backend.makeArena(), map.params().voxel_size_m, &arena_)),
+      shape_(map.params()) {
+  space_.top_bytes = mirror_.usedBytes();
+  space_.root_capacity = internal::NanoVdbMirror::kDefaultRootCapacity;
+  kernels::FusionSetting setting;
+  setting.region = shape_;
+  setting.constants = internal::kernelConstants(map, shape_);
+  setting.news = map.newsRule();
+  setting.votes = map.blocksNewThings();
+  setting.cache_bytes = cache_bytes;
+  fuser_ = backend.makeDeviceScanFuser(setting, mirror_.grid());
+}
+
+void ScanOnDevice::fuse(const internal::PackedMap& map, std::span<const Eigen::Vector3f> p_L,
                         std::span<const Eigen::Vector3f> q_L) {
-  const internal::RegionShape shape(map.params());
   rays_.clear();
   for (std::size_t n = 0; n < p_L.size(); ++n) {
     rays_.push_back(internal::makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), map.params().voxel_size_m));
   }
-  if (map.blocksNewThings()) internal::markNews(map, rays_);
+  const internal::PlatformBalls platform = internal::platformBalls(map, shape_, rays_, q_L);
+  std::vector<kernels::ReturnRay> marked = rays_;
+  if (map.blocksNewThings()) internal::markNews(map, marked);
   news_ = 0;
-  for (const kernels::ReturnRay& ray : rays_) news_ += ray.news;
-  const internal::PlatformBalls platform = internal::platformBalls(map, shape, rays_, q_L);
+  for (const kernels::ReturnRay& ray : marked) news_ += ray.news;
   rays_.insert(rays_.end(), platform.balls.begin(), platform.balls.end());
+  fuser_->clearFlips();
+  const kernels::Stopwatch calling;
+  last_ = fuser_->fuse(
+      rays_, static_cast<std::uint32_t>(platform.balls.size()), space_,
+      [this](std::uint64_t more_bytes) { arena_->commit(space_.top_bytes + more_bytes); }, behind_);
+  call_ms_ = calling.milliseconds();
+  rays_.resize(rays_.size() - platform.balls.size());
+  behind_.take(p_L, q_L);
+  space_ = kernels::grown(space_, last_.growth.counts());
+}
+
+std::uint64_t ScanOnDevice::wideLeafCount() {
   internal::ReturnBins bins;
-  bins.bin(shape, rays_, platform.balls.size(), &map);
-  entries_.clear();
-  leaves_.clear();
-  values_.clear();
-  cleared_.clear();
-  votes_.clear();
-  existed_.clear();
-  had_values_.clear();
-  wide_ = 0;
+  bins.bin(shape_, rays_);
+  std::uint64_t wide = 0;
+  internal::BucketLeaves group;
   for (std::size_t bucket = 0; bucket < internal::ReturnBins::kBuckets; ++bucket) {
-    internal::BucketLeaves group;
     bins.group(bucket, group);
     for (std::size_t n = 0; n < group.places.size(); ++n) {
-      addLeaf(map, group.originOf(n), {group.entries.data() + group.begin[n], group.begin[n + 1] - group.begin[n]},
-              static_cast<std::uint32_t>(leaves_.size()));
+      const auto begin = group.entries.begin();
+      const auto cones = std::count_if(begin + group.begin[n], begin + group.begin[n + 1],
+                                       [](kernels::LeafEntry entry) { return entry.cone(); });
+      wide += cones > kernels::LeafSums::kMostSamples ? 1 : 0;
     }
   }
-  const auto is_heavy = [](const FusedLeaf& leaf) { return leaf.end - leaf.begin > kernels::kMostLightEntries; };
-  const auto light = std::stable_partition(leaves_.begin(), leaves_.end(), is_heavy);
-  std::stable_sort(leaves_.begin(), light, [](const FusedLeaf& a, const FusedLeaf& b) {
-    return a.end - a.begin > b.end - b.begin;  // those that take longest first
-  });
-  upload(memory_, rays_, d_rays_);
-  upload(memory_, entries_, d_entries_);
-  upload(memory_, leaves_, d_leaves_);
-  d_outcomes_.grow(memory_, std::max<std::size_t>(leaves_.size(), 1), 0);
-  d_flips_.grow(memory_, std::max<std::size_t>(leaves_.size(), 1), 0);
-  view_.count = static_cast<std::uint32_t>(leaves_.size());
-  view_.heavy = static_cast<std::uint32_t>(light - leaves_.begin());
-  view_.full_cube = shape.full_cube;
-  view_.thin_band = shape.thinBand();
-  view_.constants = internal::kernelConstants(map, shape);
-}
-
-float ScanOnDevice::fuse() {
-  upload(memory_, values_, d_values_);
-  upload(memory_, cleared_, d_cleared_);
-  upload(memory_, votes_, d_votes_);
-  view_.rays = d_rays_.data();
-  view_.entries = d_entries_.data();
-  view_.leaves = d_leaves_.data();
-  view_.values = d_values_.data();
-  view_.cleared = d_cleared_.data();
-  view_.votes = d_votes_.data();
-  view_.outcomes = d_outcomes_.data();
-  view_.flips = d_flips_.data();
-  cudaStream_t stream = nullptr;
-  ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
-  const kernels::OwnedEvent begin(cudaEventDefault), end(cudaEventDefault);
-  ACCESSVDB_CUDA(cudaEventRecord(begin.get(), stream));
-  kernels::launchFuseLeaves(view_, stream);
-  ACCESSVDB_CUDA(cudaEventRecord(end.get(), stream));
-  ACCESSVDB_CUDA(cudaStreamSynchronize(stream));
-  float milliseconds = 0;
-  ACCESSVDB_CUDA(cudaEventElapsedTime(&milliseconds, begin.get(), end.get()));
-  ACCESSVDB_CUDA(cudaStreamDestroy(stream));
-  return milliseconds;
-}
-
-void ScanOnDevice::download() {
-  test::download(memory_, d_values_, values_.size(), new_values_);
-  test::download(memory_, d_cleared_, cleared_.size(), new_cleared_);
-  test::download(memory_, d_votes_, votes_.size(), new_votes_);
-  test::download(memory_, d_outcomes_, leaves_.size(), outcomes_);
-  test::download(memory_, d_flips_, leaves_.size(), flips_);
+  return wide;
 }
 
 FusionDifferences ScanOnDevice::compare(const internal::PackedMap& map, const internal::IntegrationResult& result) {
-  download();
-  std::map<Origin, const LeafChange*> changes;
-  for (const auto& part : result.changes) {
-    for (const LeafChange& change : part) changes[change.origin_ijk] = &change;
-  }
+  const std::size_t units = (space_.top_bytes + sizeof(GridUnit) - 1) / sizeof(GridUnit);
+  const auto copy = std::make_unique_for_overwrite<GridUnit[]>(units);
+  backend_.download(copy.get(), arena_->base(), space_.top_bytes);
+  const auto* grid = reinterpret_cast<const kernels::OccupancyGrid*>(copy.get());
+  const kernels::DeviceScanFuser::Slots slots = fuser_->readSlots();
+  std::vector<bool> taken(slots.values.size() / kValues), votes_taken(slots.votes.size() / kVotes);
   FusionDifferences found;
-  internal::FoldCounts counts;
-  std::uint64_t reached = 0, flipped = 0, fresh = 0;
-  for (std::size_t n = 0; n < leaves_.size(); ++n) {
-    const FusedLeaf& fused = leaves_[n];
-    const FusedOutcome& outcome = outcomes_[n];
-    const Origin origin = {fused.origin_ijk[0], fused.origin_ijk[1], fused.origin_ijk[2]};
-    const internal::PackedLeaf* leaf = leafAt(map, origin);
-    const bool is_reached = (outcome.flags & FusedOutcome::kReached) != 0, existed = existed_[fused.slot] != 0;
-    reached += is_reached ? 1 : 0;
-    fresh += is_reached && !existed ? 1 : 0;
-    if ((leaf != nullptr) != (is_reached || existed)) {
-      ++found.reached;
+  on_host_ = 0;
+  const auto accessor = grid->tree().getAccessor();
+  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
+    const openvdb::Coord& origin = leaf->origin();
+    const kernels::OccupancyLeaf* mirrored = accessor.probeLeaf({origin.x(), origin.y(), origin.z()});
+    if (mirrored == nullptr) {
+      ++found.leaves;
       continue;
     }
-    if (leaf == nullptr) continue;
+    const auto* of_leaf = reinterpret_cast<const std::byte*>(mirrored->data());
+    std::array<std::uint64_t, 17> words;
+    kernels::LeafSlots own;
+    std::memcpy(words.data(), of_leaf + kernels::kLeafBitsBytes, sizeof(words));
+    std::memcpy(&own, of_leaf + kernels::kLeafSlotsBytes, sizeof(own));
+    const LeafChange facts = internal::factsOf(map, *leaf);
+    found.facts += differs(words.data(), facts.arm_free_on.data(), sizeof(LeafBits)) |
+                   differs(words.data() + 8, facts.collides_on.data(), sizeof(LeafBits)) |
+                   (words[16] != kernels::countCells(words.data() + 8) ? 1 : 0);
     internal::LeafValues::Room room;
     const std::uint32_t* values = internal::LeafValues(*leaf).all(room);
-    const bool sampled = (outcome.flags & FusedOutcome::kSampled) != 0;
-    if ((values != nullptr) != (had_values_[fused.slot] != 0 || sampled)) ++found.reached;
-    const std::uint32_t* own =
-        fused.values == FusedLeaf::kNone ? kNoValues.data() : new_values_.data() + kValues * fused.values;
-    found.values += differs(values != nullptr ? values : kNoValues.data(), own, sizeof(kNoValues));
-    found.cleared += differs(maskOf(*leaf).data(), new_cleared_.data() + kCleared * fused.slot, sizeof(LeafBits));
-    const internal::VoxelVotes none, *votes = map.blocksNewThings() ? map.votesOf(*leaf) : nullptr;
-    const bool has_votes = fused.votes != FusedLeaf::kNone;
-    found.votes += differs((votes != nullptr ? *votes : none).bit.data(),
-                           has_votes ? static_cast<const void*>(new_votes_.data() + kVotes * fused.votes) : &none.bit,
-                           sizeof(none.bit));
-    if (is_reached && (votes != nullptr) != ((outcome.flags & FusedOutcome::kHasVotes) != 0)) ++found.votes;
-    const auto change = changes.find(origin);
-    const bool is_flipped = (outcome.flags & FusedOutcome::kFlipped) != 0;
-    flipped += is_flipped ? 1 : 0;
-    if (is_flipped != (change != changes.end())) {
-      ++found.flips;
-    } else if (is_flipped) {
-      const LeafChange& of = *change->second;
-      found.flips += differs(of.collides_on.data(), flips_[n].collides_on, sizeof(LeafBits)) |
-                     differs(of.collides_off.data(), flips_[n].collides_off, sizeof(LeafBits)) |
-                     differs(of.arm_free_on.data(), flips_[n].arm_free_on, sizeof(LeafBits)) |
-                     differs(of.arm_free_off.data(), flips_[n].arm_free_off, sizeof(LeafBits));
+    if ((values != nullptr) != (own.values_plus_one != 0)) {
+      ++found.leaves;
+    } else if (own.values_plus_one == kernels::LeafSlots::kOnHost) {
+      ++on_host_;
+    } else if (values != nullptr) {
+      const std::size_t slot = own.values_plus_one - 1;
+      found.leaves += isTaken(taken, own.values_plus_one - 1);
+      found.values += differs(values, slots.values.data() + kValues * slot, kValues * sizeof(std::uint32_t));
+      found.cleared += differs(maskOf(*leaf).data(), slots.cleared.data() + kCleared * slot, sizeof(LeafBits));
     }
-    counts.distance_updates += outcome.distance_updates;
-    counts.cleared_updates += outcome.cleared_updates;
-    counts.newly_observed += outcome.newly_observed;
-    counts.flipped_voxels += outcome.flipped_voxels;
+    const internal::VoxelVotes* votes = map.blocksNewThings() ? map.votesOf(*leaf) : nullptr;
+    if ((votes != nullptr) != (own.votes_plus_one != 0)) {
+      ++found.votes;
+    } else if (votes != nullptr) {
+      const std::size_t slot = own.votes_plus_one - 1;
+      found.votes += isTaken(votes_taken, own.votes_plus_one - 1);
+      found.votes += differs(votes->bit.data(), slots.votes.data() + kVotes * slot, sizeof(votes->bit));
+    }
   }
-  found.counts += (reached != result.touched_leaves ? 1 : 0) + (fresh != result.new_leaves ? 1 : 0) +
-                  (flipped != changes.size() ? 1 : 0) +
-                  (counts.distance_updates != result.counts.distance_updates ? 1 : 0) +
-                  (counts.cleared_updates != result.counts.cleared_updates ? 1 : 0) +
-                  (counts.newly_observed != result.counts.newly_observed ? 1 : 0) +
-                  (counts.flipped_voxels != result.counts.flipped_voxels ? 1 : 0);
+  std::uint64_t changed = 0;
+  for (const auto& part : result.changes) changed += part.size();
+  const auto count = [&found](std::uint64_t on_device, std::uint64_t on_host) {
+    found.counts += on_device != on_host ? 1 : 0;
+  };
+  count(grid->tree().nodeCount(0), map.leaf_count);
+  count(grid->tree().nodeCount(0), space_.leaves);
+  count(grid->tree().nodeCount(1), space_.lowers);
+  count(grid->tree().nodeCount(2), space_.uppers);
+  count(last_.touched_leaves, result.touched_leaves);
+  count(last_.growth.leaves.size(), result.new_leaves);
+  count(last_.changed_leaves, changed);
+  count(last_.counts.distance_updates, result.counts.distance_updates);
+  count(last_.counts.cleared_updates, result.counts.cleared_updates);
+  count(last_.counts.newly_observed, result.counts.newly_observed);
+  count(last_.counts.flipped_voxels, result.counts.flipped_voxels);
+  count(last_.flips_hash, result.flips_hash);
+  compareFlips(result, found);
+  compareWeights(map, found);
   return found;
+}
+
+void ScanOnDevice::compareFlips(const internal::IntegrationResult& result, FusionDifferences& found) {
+  internal::WaitingFlips wanted;
+  for (const auto& part : result.changes) {
+    for (const LeafChange& change : part) wanted.add(change, true);
+  }
+  std::vector<kernels::LeafFlips> leaves;
+  std::vector<std::uint16_t> voxels;
+  fuser_->takeFlips(leaves, voxels);
+  found.flips += leaves.size() != wanted.leaves().size() ? 1 : 0;
+  const auto on_device = byPlace(leaves, voxels), on_host = byPlace(wanted.leaves(), wanted.voxels());
+  for (const auto& [place, flips] : on_host) {
+    const auto other = on_device.find(place);
+    const bool equal =
+        other != on_device.end() && same(other->second.first, flips.first) && other->second.second == flips.second;
+    found.flips += equal ? 0 : 1;
+  }
+}
+
+void ScanOnDevice::compareWeights(const internal::PackedMap& map, FusionDifferences& found) {
+  std::vector<kernels::GridGrowth::Origin> voxels;
+  for (std::size_t n = 0; n < rays_.size() && voxels.size() < 2000; n += 1 + rays_.size() / 1000) {
+    const auto& base = rays_[n].base_ijk;
+    voxels.push_back({base[0], base[1], base[2]});
+    voxels.push_back({base[0] + 5, base[1] - 7, base[2] + 9});
+  }
+  for (const int reach : {0, 1}) {
+    std::vector<std::uint16_t> weights(voxels.size());
+    fuser_->readWeights(voxels, reach, weights, behind_);
+    for (std::size_t n = 0; n < voxels.size(); ++n) {
+      found.weights += weights[n] != largestWeight(map, voxels[n], reach) ? 1 : 0;
+    }
+  }
 }
 
 }  // namespace accessvdb::test

@@ -1,68 +1,101 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The fusion of one scan on a device, from the map as it is before the scan, and what differs from the map afterwards.
+/// A device's copy of a map: it fuses the same scans by itself. What differs from the map after each of them.
 #pragma once
 
 #include <openvdb/Types.h>
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <deque>
+#include <memory>
 #include <span>
 #include <vector>
 
-#include "cuda/fusion/fuse_leaves.h"
-#include "launch/device_array.h"
+#include "cuda/cuda_backend.h"
+#include "mirror/nanovdb_mirror.h"
 #include "tsdf/integration_result.h"
 #include "tsdf/packed_map.h"
+#include "tsdf/return_region.h"
+#include "tsdf/scan_integrator.h"
 
 namespace accessvdb::test {
 
-/// Leaves, or counts, in which the device differs from the map.
+/// Leaves, points or counts in which the device differs from the map.
 struct FusionDifferences {
-  std::uint64_t reached = 0, values = 0, cleared = 0, votes = 0, flips = 0, counts = 0;
-  [[nodiscard]] std::uint64_t all() const { return reached + values + cleared + votes + flips + counts; }
+  std::uint64_t leaves = 0, facts = 0, values = 0, cleared = 0, votes = 0, weights = 0, flips = 0, counts = 0;
+  [[nodiscard]] std::uint64_t all() const {
+    return leaves + facts + values + cleared + votes + weights + flips + counts;
+  }
+};
+
+/// A map that gets the scans later, as late as it may.
+class MapBehind final : public kernels::FollowingMap {
+ public:
+  /// @param map  empty  @param scans_behind  0: it has got each scan before the next
+  MapBehind(std::unique_ptr<internal::PackedMap> map, std::size_t scans_behind);
+  void take(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+
+  void read(std::span<kernels::LeafRecord> leaves) override;
+  void readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
+                   std::span<std::uint16_t> weights) override;
+  [[nodiscard]] std::uint64_t scans() const override { return scans_; }
+  void wait() override { catchUp(0); }
+
+  [[nodiscard]] std::uint64_t leavesRead() const { return leaves_read_; }
+
+ private:
+  void catchUp(std::size_t behind);
+  struct Scan {
+    std::vector<Eigen::Vector3f> p_L, q_L;
+  };
+  std::unique_ptr<internal::PackedMap> map_;
+  internal::ScanIntegrator integrator_;
+  std::deque<Scan> waiting_;
+  std::size_t behind_;
+  std::uint64_t scans_ = 0, leaves_read_ = 0;
 };
 
 class ScanOnDevice {
  public:
-  explicit ScanOnDevice(kernels::DeviceMemory& memory) : memory_(memory) {}
+  /// @param map  empty  @param behind  of the same kind  @param cache_bytes  FusionSetting's
+  ScanOnDevice(kernels::CudaBackend& backend, const internal::PackedMap& map, MapBehind& behind,
+               std::uint64_t cache_bytes = 0);
 
-  /// Copies what the scan may reach, before the map integrates it. @param q_L  [n] or [1]
-  void take(const internal::PackedMap& map, std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
-  /// Fuses the scan into what take() copied, each time anew. @return milliseconds of the kernel
-  float fuse();
-  /// @param map, result  after the map integrated the scan
+  /// Call before the map integrates the scan: which returns are news, and where the platform may be, depends on it.
+  /// @param q_L  [n] or [1]
+  void fuse(const internal::PackedMap& map, std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  /// Of the whole map. @param result  of the scan, after the map integrated it
   [[nodiscard]] FusionDifferences compare(const internal::PackedMap& map, const internal::IntegrationResult& result);
 
-  [[nodiscard]] std::uint64_t leafCount() const { return leaves_.size(); }
-  [[nodiscard]] std::uint64_t entryCount() const { return entries_.size(); }
-  /// Leaves that more cones reach than a word of their sums can count.
-  [[nodiscard]] std::uint64_t wideLeafCount() const { return wide_; }
-  [[nodiscard]] std::uint64_t votedLeafCount() const { return votes_.size() / 48; }
+  /// Leaves with values of which the device held none in compare().
+  [[nodiscard]] std::uint64_t leavesOnHost() const { return on_host_; }
+  /// Of the last scan's kernels.
+  [[nodiscard]] float milliseconds() { return fuser_->lastMilliseconds(); }
+  /// Of the last call that fused, from when the rays were ready.
+  [[nodiscard]] double callMilliseconds() const { return call_ms_; }
   [[nodiscard]] std::uint64_t newsCount() const { return news_; }
+  /// Leaves that more cones reach than a word of their sums can count.
+  [[nodiscard]] std::uint64_t wideLeafCount();
+  /// Device memory without the grid's.
+  [[nodiscard]] std::uint64_t bytes() const { return fuser_->bytes(); }
 
  private:
-  void addLeaf(const internal::PackedMap& map, const std::array<std::int32_t, 3>& origin_ijk,
-               std::span<const kernels::LeafEntry> entries, std::uint32_t slot);
-  void download();
+  void compareFlips(const internal::IntegrationResult& result, FusionDifferences& found);
+  void compareWeights(const internal::PackedMap& map, FusionDifferences& found);
 
-  kernels::DeviceMemory& memory_;
-  std::uint64_t wide_ = 0, news_ = 0;
-  kernels::FusionView view_ = {};
+  kernels::CudaBackend& backend_;
+  MapBehind& behind_;
+  kernels::MirrorArena* arena_;
+  internal::NanoVdbMirror mirror_;
+  internal::RegionShape shape_;
+  kernels::GridSpace space_;
+  std::unique_ptr<kernels::DeviceScanFuser> fuser_;
   std::vector<kernels::ReturnRay> rays_;
-  std::vector<kernels::LeafEntry> entries_;
-  std::vector<kernels::FusedLeaf> leaves_;
-  std::vector<std::uint32_t> values_, cleared_, votes_;  ///< before the scan
-  std::vector<std::uint8_t> existed_, had_values_;       ///< by slot
-  std::vector<std::uint32_t> new_values_, new_cleared_, new_votes_;
-  std::vector<kernels::FusedOutcome> outcomes_;
-  std::vector<kernels::FusedFlips> flips_;
-  kernels::DeviceArray<kernels::ReturnRay> d_rays_;
-  kernels::DeviceArray<kernels::LeafEntry> d_entries_;
-  kernels::DeviceArray<kernels::FusedLeaf> d_leaves_;
-  kernels::DeviceArray<std::uint32_t> d_values_, d_cleared_, d_votes_;
-  kernels::DeviceArray<kernels::FusedOutcome> d_outcomes_;
-  kernels::DeviceArray<kernels::FusedFlips> d_flips_;
+  kernels::FusedScan last_;
+  double call_ms_ = 0;
+  std::uint64_t on_host_ = 0;
+  std::uint64_t news_ = 0;  ///< by the host's rule
 };
 
 }  // namespace accessvdb::test

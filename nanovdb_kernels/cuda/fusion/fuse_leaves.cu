@@ -4,6 +4,7 @@
 
 #include "cuda/fusion/lanes_cuda.cuh"
 #include "cuda/memory/cuda_check.h"
+#include "launch/leaf_patch.h"
 
 namespace accessvdb::kernels {
 namespace {
@@ -226,31 +227,56 @@ __device__ lanes::Votes loadVotes(const std::uint32_t* words) {
   return votes;
 }
 
+/// A leaf's slot in a list.
+struct SlotOfLeaf {
+  bool any, fresh;
+  std::uint32_t number;
+  __device__ explicit SlotOfLeaf(std::uint32_t slot)
+      : any(slot != FusedLeaf::kNone),
+        fresh(any && (slot & FusedLeaf::kFresh) != 0),
+        number(slot & ~FusedLeaf::kFresh) {}
+};
+
+/// What rays passed before the scan.
+__device__ Bits clearedBefore(const FusionView& view, const FusedLeaf& leaf, const SlotOfLeaf& slot) {
+  if (slot.any && !slot.fresh) return lanes::loadBits(view.cleared + std::size_t{lanes::kStrips} * slot.number);
+  if (leaf.facts == FusedLeaf::kNone) return {};
+  const std::byte* const free = view.grid + std::uint64_t{leaf.facts} * LeafPatch::kUnit + kLeafBitsBytes;
+  return lanes::loadBits(reinterpret_cast<const std::uint32_t*>(free));
+}
+
 /// Folds what was found into the leaf. One warp calls it. @param wide  nullptr: the sums are narrow
 __device__ void foldLeaf(const FusionView& view, const FusedLeaf& leaf, const SummedLeaf& of, LeafSums& sums,
                          const WideLeaf* wide, std::uint32_t n) {
-  const bool is_first = threadIdx.x % kWarp == 0;
+  const bool is_first = threadIdx.x % kWarp == 0, is_sampled = of.touched != 0;
   FusedOutcome outcome = {};
-  if (of.touched == 0 && of.passes == 0) {
+  if (!is_sampled && of.passes == 0) {
     if (is_first) view.outcomes[n] = outcome;
     return;
   }
-  std::uint32_t* const cleared_words = view.cleared + std::size_t{lanes::kStrips} * leaf.slot;
-  const Bits old_cleared = lanes::loadBits(cleared_words);
+  const SlotOfLeaf slot(leaf.values), vote_slot(leaf.votes);
+  const bool has_values = slot.any && (is_sampled || !slot.fresh);
+  std::uint32_t* const values = has_values ? view.values + std::size_t{512} * slot.number : nullptr;
+  if (has_values && slot.fresh) {
+#pragma unroll 4
+    for (unsigned voxel = threadIdx.x % kWarp; voxel < 512; voxel += kWarp) values[voxel] = 0;
+  }
+  const Bits old_cleared = clearedBefore(view, leaf, slot);
   Bits cleared = old_cleared;
-  const bool may_vote = leaf.votes != FusedLeaf::kNone;
-  std::uint32_t* const vote_words = may_vote ? view.votes + std::size_t{3 * lanes::kStrips} * leaf.votes : nullptr;
+  const bool may_vote = vote_slot.any;
+  std::uint32_t* const vote_words =
+      may_vote ? view.votes + std::size_t{3 * lanes::kStrips} * vote_slot.number : nullptr;
   lanes::Votes votes;
-  if (may_vote) votes = loadVotes(vote_words);
-  const lanes::LeafTarget target = {
-      leaf.values == FusedLeaf::kNone ? nullptr : view.values + std::size_t{512} * leaf.values, &cleared.of_lane,
-      may_vote ? &votes : nullptr, &of.contra};
+  if (may_vote && !vote_slot.fresh) votes = loadVotes(vote_words);
+  const lanes::LeafTarget target = {values, &cleared.of_lane, may_vote ? &votes : nullptr, &of.contra};
   lanes::Flips change;
   FoldCounts counts;
   const bool flipped = wide != nullptr
                            ? foldWide(target, view.constants, of, *wide, change, counts)
                            : lanes::fold(target, view.constants, of.touched, sums, of.passed, change, counts);
-  if (lanes::stripsOf({cleared.of_lane ^ old_cleared.of_lane}) != 0) lanes::storeBits(cleared, cleared_words);
+  if (has_values && (slot.fresh || lanes::stripsOf({cleared.of_lane ^ old_cleared.of_lane}) != 0)) {
+    lanes::storeBits(cleared, view.cleared + std::size_t{lanes::kStrips} * slot.number);
+  }
   if (may_vote) {
     bool any = false;
     for (int plane = 0; plane < 3; ++plane) {
@@ -260,6 +286,8 @@ __device__ void foldLeaf(const FusionView& view, const FusedLeaf& leaf, const Su
     if (__any_sync(kAllLanes, any)) outcome.flags |= FusedOutcome::kHasVotes;
   }
   if (flipped) {
+    outcome.flipped_collisions =
+        lanes::sumOfLanes(static_cast<std::uint32_t>(__popc(change.collides_on.of_lane | change.collides_off.of_lane)));
     FusedFlips& flips = view.flips[n];
     lanes::storeBits(change.collides_on, flips.collides_on);
     lanes::storeBits(change.collides_off, flips.collides_off);
@@ -288,13 +316,14 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach) fuseLeaves(const __grid
   for (unsigned voxel = threadIdx.x % kWarp; voxel < 512; voxel += kWarp) sums.packed[voxel] = 0;
   if (is_heavy) scratch.wide.clear();
   if (n >= view.count) return;
-  const FusedLeaf leaf = view.leaves[n];
+  const std::uint32_t number = view.order[n];
+  const FusedLeaf leaf = view.leaves[number];
   SummedLeaf of = sumReturns<kFullCube>(view, leaf, is_heavy ? warp : 0, is_heavy ? kWarps : 1, sums, scratch.wide);
   if (is_heavy) {
     of = joinWarps(of, sums, scratch.wide);
     if (warp != 0) return;
   }
-  foldLeaf(view, leaf, of, sums, is_heavy ? &scratch.wide : nullptr, n);
+  foldLeaf(view, leaf, of, sums, is_heavy ? &scratch.wide : nullptr, number);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <cuda_runtime_api.h>
 
+#include <cstddef>
 #include <cstdint>
 
 #include "hostdev/leaf_sums.h"
@@ -15,9 +16,10 @@ namespace accessvdb::kernels {
 /// A leaf that a scan may reach.
 struct alignas(16) FusedLeaf {
   static constexpr std::uint32_t kNone = 0xffffffffu;
-  std::int32_t origin_ijk[3];   ///< lowest voxel
-  std::uint32_t begin, end;     ///< of its returns, in FusionView::entries
-  std::uint32_t slot;           ///< of its facts: FusionView::cleared
+  static constexpr std::uint32_t kFresh = 0x80000000u;  ///< added to a slot in which nothing is yet
+  std::int32_t origin_ijk[3];                           ///< lowest voxel
+  std::uint32_t begin, end;                             ///< of its returns, in FusionView::entries
+  std::uint32_t facts;          ///< the leaf in the grid, in units of LeafPatch::kUnit, or kNone: it is new
   std::uint32_t values, votes;  ///< slots, or kNone: for leaves that only bands reach, and without any news
 };
 
@@ -29,6 +31,7 @@ struct FusedOutcome {
   static constexpr std::uint32_t kHasVotes = 8;  ///< it has votes from now on
   std::uint32_t flags;
   std::uint32_t distance_updates, cleared_updates, newly_observed, flipped_voxels;  ///< as in FoldCounts
+  std::uint32_t flipped_collisions;  ///< voxels that began or ceased to collide
 };
 
 /// Voxels whose facts flipped; 512 bits each, as LeafBits.
@@ -39,14 +42,16 @@ struct alignas(16) FusedFlips {
 /// A scan, and the parts of the map that it reaches. All pointers are device memory.
 struct FusionView {
   const ReturnRay* rays;
-  const LeafEntry* entries;  ///< the returns of each leaf
-  const FusedLeaf* leaves;   ///< [count] those with more than kMostLightEntries first
+  const LeafEntry* entries;    ///< the returns of each leaf
+  const FusedLeaf* leaves;     ///< [count]
+  const std::uint32_t* order;  ///< [count] in which they are fused: first those with more than kMostLightEntries
   std::uint32_t count, heavy;
   bool full_cube;  ///< the paper's region in place of the double cone
-  bool thin_band;  ///< RegionShape::thinBand()
+  bool thin_band;  ///< RegionConstants::thinBand()
   KernelConstants constants;
+  const std::byte* grid;   ///< of facts; it is read only
   std::uint32_t* values;   ///< [slots x 512] packed (packed_mean.h)
-  std::uint32_t* cleared;  ///< [slots x 16]
+  std::uint32_t* cleared;  ///< [slots x 16] of leaves with values; of others it is what is free for the arm
   std::uint32_t* votes;    ///< [slots x 3 x 16] the lowest bits first
   FusedOutcome* outcomes;  ///< [count] out
   FusedFlips* flips;       ///< [count] out

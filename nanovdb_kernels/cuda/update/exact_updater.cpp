@@ -48,7 +48,8 @@ class DeviceExactUpdater final : public ExactUpdater {
     const CurrentDevice current(context_->device());
     const PointsView& points = points_.view();
     FlipsView by_place;
-    const bool any = points.groups.groups > 0 && totalSize(flips.leaves) > 0;
+    const bool any = points.groups.groups > 0 && (totalSize(flips.leaves) > 0 || flips.on_device.count > 0);
+    if (flips.on_device.count > 0) ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
     if (any) by_place = flips_.take(flips, shared(), stream());
     forEachTool(input, [&](ToolUpdate& tool, const ToolInput& own) {
       tool.takeFlips(own, points, any ? &by_place : nullptr, input.map.inverse_voxel_size);

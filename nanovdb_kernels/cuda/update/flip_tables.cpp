@@ -10,7 +10,8 @@
 namespace accessvdb::kernels {
 
 FlipsView FlipTables::take(const FlipLists& flips, DeviceCounters& counters, cudaStream_t stream) {
-  const std::size_t count = totalSize(flips.leaves);
+  const FlipsOnDevice& on_device = flips.on_device;
+  const std::size_t count = on_device.count > 0 ? on_device.count : totalSize(flips.leaves);
   const std::size_t capacity = std::bit_ceil(2 * count + 64);
   keys_.grow(memory_, capacity, 0);
   tiles_.grow(memory_, capacity, 0);
@@ -22,8 +23,11 @@ FlipsView FlipTables::take(const FlipLists& flips, DeviceCounters& counters, cud
   by_place.tile_at = tiles_.data();
   by_place.links = links_.data();
   by_place.arm_links = arm_links_.data();
-  const DeviceList<LeafFlips> list = list_.send(flips.leaves, memory_, stream);
-  const DeviceList<std::uint16_t> voxels = voxels_.send(flips.voxels, memory_, stream);
+  const bool is_here = on_device.count > 0;
+  const DeviceList<LeafFlips> list =
+      is_here ? DeviceList<LeafFlips>{on_device.leaves, on_device.count} : list_.send(flips.leaves, memory_, stream);
+  const DeviceList<std::uint16_t> voxels = is_here ? DeviceList<std::uint16_t>{on_device.voxels, on_device.voxel_count}
+                                                   : voxels_.send(flips.voxels, memory_, stream);
   by_place.voxels = voxels.data;
   by_place.list = list.data;
   launchFindTiles(by_place, list.count, &counters.data()->flip_tiles, stream);
