@@ -149,8 +149,8 @@ struct ACCESSVDB_API FieldParams {
   /// On a GPU: fuses each scan on the host before it is scored, as without one. The same labels, later.
   bool fuse_on_host = false;
   /// On a GPU: most of its memory for the values of the map that it fuses into; what it holds no more it gets from the
-  /// host again. No result depends on it. At least 64 MB. 0 = rule: 1 GB for voxels of 10 mm and more, below that three
-  /// times as much for each halving that is begun, at most 64 GB.
+  /// host again. No result depends on it. At least 64 MB. 0 = rule: 4 GB for voxels of 10 mm and more, below that five
+  /// times as much for each halving that is begun, at most 64 GB. Never more than half of what is free at the start.
   std::uint64_t device_cache_bytes = 0;
   /// [m] World position of the local frame, rounded to whole voxels, in place of the first sensor's position. Fields
   /// with the same origin have the same voxels.

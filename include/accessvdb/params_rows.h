@@ -277,7 +277,7 @@ inline constexpr auto kParamRows<FieldParams> = std::tuple(
     paramRow<&FieldParams::device_cache_bytes, &accessvdb_params::device_cache_bytes>(
         "device_cache_bytes", ParamRange{64e6, 1e15, "Use 64 MB or more, or leave it out for what the voxels need"},
         "On a GPU: most of its memory for the values of the map; no result depends on it. 0 = rule, by the voxel size: "
-        "1 GB at 10 mm, 3 GB at 5 mm, 9 GB at 2.5 mm."),
+        "4 GB at 10 mm, 20 GB at 5 mm, and half of what is free at most."),
     paramRow<&FieldParams::origin_W>("origin_W", ParamRange{-1e8, 1e8}, "World position of the local frame, metres."),
     paramRow<&FieldParams::window>("window", AnyValue{}, "Limits the field to one tile."),
     paramRow<&FieldParams::carry, &accessvdb_params::carry>(

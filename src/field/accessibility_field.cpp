@@ -113,6 +113,7 @@ void AccessibilityField::stopGrowing(std::size_t most_left_out_leaves) {
                           "Use another UpdateRegion");
   }
   impl_->steps.requireWhole();
+  impl_->stopLeading();
   impl_->map.stopGrowing(most_left_out_leaves);
 }
 
@@ -254,6 +255,9 @@ MemoryUse AccessibilityField::memoryUse() const {
   if (impl_->scheduler) {
     use.point_host_bytes += impl_->scheduler->bytes();
     use.point_device_bytes += impl_->scheduler->deviceBytes();
+  }
+  if (impl_->lead) {
+    use.point_device_bytes += impl_->lead->deviceBytes();
   }
   use.device_peak_bytes = impl_->backend->peakBytes();
   use.leaves = impl_->volume.leafCount();

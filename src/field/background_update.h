@@ -24,6 +24,8 @@ class BackgroundUpdate {
   /// Begins the work and returns; without memory for a thread, the work is done before. The destructor waits for it.
   /// @pre no update since the last take()
   [[nodiscard]] UpdateTicket start(Work work);
+  /// Whether one was started since the last take().
+  [[nodiscard]] bool begun() const { return running_ != nullptr; }
   /// Waits until the map is free or the update has ended.
   void waitForMap() const;
   /// Waits for the update started last, and forgets it. @return what it threw; null if nothing, or if there is none

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/field_stages.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -38,7 +39,8 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
       integrator(map),
       mirrors(*backend, map, params),
       tools(std::move(specs), params,
-            {map, *backend, core(), params.change.mode == ChangeMode::Full ? &gone_points : nullptr, tables}, progress),
+            {map, *backend, core(), params.change.mode == ChangeMode::Full ? &gone_points : nullptr, tables, &lead},
+            progress),
       points(*tools.front().points),
       map_reads(makeMapReads(map, points, params.scoring.neighbourhood_weight, core())),
       gone_cells(params.change.mode == ChangeMode::Full ? std::make_unique<GoneCells>(map, points, params.tsdf, core())
@@ -54,7 +56,36 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
   static_assert(FreeGenerations::kLists <= UpdateScheduler::kMostLists);
   integrator.noteDistances(mirrors.mirrorsDistances() || scheduler->needs().distances);
   if (!scheduler->needs().changes) return;
-  integrator.visitChanges([this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
+  lead = makeLead();
+  integrator.visitChanges([this](std::size_t part, const LeafChange& change) {
+    if (!lead || !lead->leads()) scheduler->noteChange(part, change);
+  });
+  steps.catchUpBy([this] {
+    if (lead) lead->catchUp();
+  });
+}
+
+std::unique_ptr<LeadingMap> FieldStages::makeLead() {
+  if (params.fuse_on_host || !LeadingMap::mayLead(params) || !scheduler->takesFlipsOnDevice()) return nullptr;
+  const RegionShape shape(params.tsdf);
+  kernels::FusionSetting setting;
+  setting.region = shape;
+  setting.constants = kernelConstants(map, shape);
+  setting.news = map.newsRule();
+  setting.votes = map.blocksNewThings();
+  setting.cache_bytes = std::min(params.device_cache_bytes, backend->freeBytes() / 2);
+  std::unique_ptr<kernels::ScanFuser> fuser = backend->makeScanFuser(setting, mirrors.grid());
+  if (!fuser) return nullptr;
+  scheduler->takeFlipsOf(fuser.get());
+  return std::make_unique<LeadingMap>(std::move(fuser), map, integrator, mirrors.facts(), params);
+}
+
+void FieldStages::stopLeading() {
+  if (!lead) return;
+  if (lead->leads()) lead->stop();
+  // Without a device that works the field is lost, and what flipped there with it.
+  scheduler->takeFlipsOf(nullptr);
+  lead->forgetDevice();
 }
 
 std::optional<VoxelColumnBox> FieldStages::core() const {

@@ -18,6 +18,7 @@
 #include "field/backend_choice.h"
 #include "field/field_clock.h"
 #include "field/field_steps.h"
+#include "field/leading_map.h"
 #include "field/left_out_points.h"
 #include "field/left_out_returns.h"
 #include "field/mirrors.h"
@@ -47,6 +48,8 @@ struct ScanUnderWay {
   const GatedScan* placed = nullptr;       ///< what of it can become points
   const TouchedPoints* touched = nullptr;  ///< by it
   MapChangesOfScan changes;
+  bool fused_ahead = false;                 ///< by a device that leads, or it had no room for it
+  std::optional<kernels::FusedScan> ahead;  ///< what it did
   FrameStats stats;
   double milliseconds = 0;  ///< so far
 };
@@ -56,6 +59,10 @@ struct FieldStages {
   /// null
   FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
               const TableProgress& progress, SharedTables* tables);
+
+  [[nodiscard]] bool leads() const { return lead && lead->leads(); }
+  /// Call before values of the map or the mirror are changed by others than scans: from then on the host fuses first.
+  void stopLeading();
 
   /// Of a tile, whose other points are not the user's.
   [[nodiscard]] std::optional<VoxelColumnBox> core() const;
@@ -74,6 +81,7 @@ struct FieldStages {
   ScanIntegrator integrator;
   Mirrors mirrors;
   GonePoints gone_points;
+  std::unique_ptr<LeadingMap> lead;  ///< null: the host fuses first
   ToolsOfField tools;
   PointStore& points;  ///< the first tool's, to which the frame loop adds returns
   MapReads map_reads;  ///< what points see of the map; where something has gone, see the tools' reads
@@ -90,6 +98,9 @@ struct FieldStages {
   std::optional<ScanUnderWay> under_way;         ///< between beginScan() and endScan()
   std::unique_ptr<WhatIfTables> what_if_tables;  ///< made when first needed
   FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others
+
+ private:
+  [[nodiscard]] std::unique_ptr<LeadingMap> makeLead();
 };
 
 }  // namespace accessvdb::internal

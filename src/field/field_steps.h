@@ -4,6 +4,7 @@
 #pragma once
 
 #include <exception>
+#include <functional>
 #include <type_traits>
 #include <utility>
 
@@ -20,11 +21,20 @@ class FieldSteps {
   /// @param views  of the field; out of date from the beginning of a step on
   explicit FieldSteps(FieldViews& views) : views_(views) {}
 
+  /// @param catch_up  brings the host's map up to date, where a device is ahead of it
+  void catchUpBy(std::function<void()> catch_up) { catch_up_ = std::move(catch_up); }
+
   /// Runs a step that changes several stages. If it fails half-way they no longer agree, and a mirror that lacks an
   /// obstacle would call points accessible: from then on the field answers nothing.
   template <typename Step>
   auto run(const Step& step) {
     settle();
+    return runBesideUpdate(step);
+  }
+  /// The same for an update, which needs no map of the host's.
+  template <typename Step>
+  auto runUpdate(const Step& step) {
+    settleUpdate();
     return runBesideUpdate(step);
   }
   /// The same for a step that may begin while startUpdate() runs, and calls waitForMap() and joinUpdate() itself.
@@ -55,10 +65,13 @@ class FieldSteps {
 
   /// Begins an update on a thread of its own, after the one before. @throws ResourceLimit "field.broken"
   [[nodiscard]] UpdateTicket startUpdate(BackgroundUpdate::Work work) {
-    requireWhole();
+    settleUpdate();
+    requireUnbroken();
     views_.expire();
     return background_.start(std::move(work));
   }
+  /// Whether startUpdate() was called since the last joinUpdate(): it may read the mirror.
+  [[nodiscard]] bool mayUpdate() const { return background_.begun(); }
   /// Waits until the points and the map on the host are free of the update.
   void waitForMap() const { background_.waitForMap(); }
   /// Waits for the update. Only inside a step. @throws to runBesideUpdate() if the update failed
@@ -73,8 +86,18 @@ class FieldSteps {
       throw UpdateFailed{false};
     }
   }
-  /// Waits for the update: what follows sees what it did.
+  /// Waits for the update, and for the host's map: what follows sees what they did.
   void settle() {
+    settleUpdate();
+    if (!catch_up_) return;
+    try {
+      catch_up_();
+    } catch (...) {  // its scan is lost, whatever it was
+      whole_ = host_whole_ = false;
+    }
+  }
+  /// Waits for the update.
+  void settleUpdate() {
     try {
       joinUpdate();
     } catch (const UpdateFailed& failed) {
@@ -110,6 +133,7 @@ class FieldSteps {
   }
 
   FieldViews& views_;
+  std::function<void()> catch_up_;
   bool whole_ = true;       ///< false once a step failed half-way
   bool host_whole_ = true;  ///< false once one failed on the host
   BackgroundUpdate background_;

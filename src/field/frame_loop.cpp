@@ -29,6 +29,16 @@ std::vector<LeafChange> open(FieldStages& field, std::span<const OpenedLeaf> ope
   return openVoxels(field.map, opened);
 }
 
+/// The host's map has the scan in any case.
+void joinUpdateOf(FieldStages& field, const GatedScan& scan) {
+  try {
+    field.steps.joinUpdate();
+  } catch (...) {
+    field.lead->takeOnHost(scan.p_L, scan.q_L, {scan.R_W_S, field.gate.origin_W()});
+    throw;
+  }
+}
+
 void countFused(const IntegrationResult& fused, FrameStats& stats) {
   stats.touched_leaves = fused.touched_leaves;
   stats.new_leaves = fused.new_leaves;
@@ -38,6 +48,15 @@ void countFused(const IntegrationResult& fused, FrameStats& stats) {
   stats.contradicted_platforms = fused.contradicted_platforms;
 }
 
+/// What a device that leads did, without the changes, which it keeps.
+IntegrationResult resultOf(const kernels::FusedScan& ahead) {
+  IntegrationResult result;
+  result.touched_leaves = ahead.touched_leaves;
+  result.new_leaves = ahead.growth.leaves.size();
+  result.counts = ahead.counts;
+  return result;
+}
+
 /// @return where rays opened voxels of what has gone
 std::vector<LeafChange> openWhatHasGone(FieldStages& field, const ScanUnderWay& under_way) {
   if (!field.gone_cells) return {};
@@ -45,8 +64,15 @@ std::vector<LeafChange> openWhatHasGone(FieldStages& field, const ScanUnderWay& 
   return open(field, field.gone_cells->takeScan(under_way.scan->p_L, under_way.scan->q_L, touched), touched);
 }
 
+void fuseAhead(FieldStages& field, ScanUnderWay& under_way) {
+  const GatedScan& scan = *under_way.scan;
+  under_way.fused_ahead = true;
+  under_way.ahead = field.lead->fuse(scan.p_L, scan.q_L, {scan.R_W_S, field.gate.origin_W()});
+}
+
 /// Gate > points beside bins > age, open, fuse beside the backend's first look at the points > scheduler beside
-/// mirrors. Only time that is not hidden counts as integration.
+/// mirrors. Only time that is not hidden counts as integration. Where a device leads, it fuses into the mirror itself,
+/// and the host's map gets the scan later.
 ///
 /// An update may be running (updateLabelsAsync): sorting and binning the returns go on beside it, points and map wait
 /// until it no longer reads them, and all that the backend or a mirror sees waits for its end.
@@ -62,7 +88,12 @@ void beginScan(FieldStages& field, ScanUnderWay& under_way, double passed_s) {
   };
   // What is news is judged before free space ages.
   const auto bin_and_age = [&] {
-    field.integrator.bin(scan.p_L, scan.q_L);
+    if (field.leads()) {
+      field.lead->prepare(scan.p_L, scan.q_L);
+      if (!field.steps.mayUpdate()) fuseAhead(field, under_way);  // nobody reads the mirror
+    } else {
+      field.integrator.bin(scan.p_L, scan.q_L);
+    }
     if (field.map.agesFreeSpace()) under_way.changes.aged = ageFreeSpace(field, ageAfter(field, passed_s));
   };
   runBeside(add_points, bin_and_age);
@@ -76,6 +107,7 @@ double endScan(FieldStages& field, ScanUnderWay& under_way, const Open& open) {
   const GatedScan &scan = *under_way.scan, &placed = *under_way.placed;
   MapChangesOfScan& changes = under_way.changes;
   FrameStats& stats = under_way.stats;
+  const std::optional<kernels::FusedScan>& ahead = under_way.ahead;
   const auto note_points = [&] {
     field.steps.joinUpdate();
     scheduler.noteReturns(*under_way.touched, placed.p_L, placed.q_L);
@@ -86,16 +118,27 @@ double endScan(FieldStages& field, ScanUnderWay& under_way, const Open& open) {
       scheduler.noteEachList(changes.aged);
       for (const LeafChange& change : changes.opened) scheduler.noteChange(0, change);
     }
-    changes.fused = field.integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, field.gate.origin_W()});
+    if (field.leads() && !under_way.fused_ahead) fuseAhead(field, under_way);
+    if (!ahead) changes.fused = field.integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, field.gate.origin_W()});
   };
+  if (field.leads() && !under_way.fused_ahead) joinUpdateOf(field, scan);  // the device writes the mirror
   runBeside(note_points, open_and_fuse);
-  countFused(changes.fused, stats);
+  if (under_way.fused_ahead && !ahead) field.stopLeading();
+  countFused(ahead ? resultOf(*ahead) : changes.fused, stats);
   field.left_out.note(changes.fused.left_out);
 
   const kernels::Stopwatch noting;
   scheduler.noteChanges(placed.p_L, placed.q_L, {changes.facts(), changes.fused.distances});
   const double noting_ms = noting.milliseconds();
-  runBeside([&] { scheduler.prepare(field.mirrors.grid()); }, [&] { field.mirrors.take(changes, stats); });
+  const auto mirror = [&] {
+    if (ahead) {
+      stats.changed_leaves = ahead->changed_leaves;
+    } else {
+      field.mirrors.take(changes, stats);
+    }
+  };
+  runBeside([&] { scheduler.prepare(field.mirrors.grid()); }, mirror);
+  if (ahead && !field.lead->pays()) field.stopLeading();
   return noting_ms;
 }
 
@@ -224,7 +267,7 @@ void advanceTime(FieldStages& field, std::optional<double> latest_s, double age_
 
 UpdateStats updateLabels(FieldStages& field) {
   const kernels::Stopwatch all;
-  UpdateStats stats = field.arena.execute([&] { return field.steps.run([&] { return update(field, {}); }); });
+  UpdateStats stats = field.arena.execute([&] { return field.steps.runUpdate([&] { return update(field, {}); }); });
   field.labels.updated = field.labels.current = true;
   stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(field.labels.noted_ms, 0.0);
   return stats;

@@ -9,7 +9,8 @@
 
 namespace accessvdb::internal {
 
-MapFollower::MapFollower(Fuse fuse, int threads) : fuse_(std::move(fuse)), arena_(makeArena(threads)) {}
+MapFollower::MapFollower(Fuse fuse, int threads)
+    : fuse_(std::move(fuse)), arena_(makeArena(threads, tbb::task_arena::priority::low)) {}
 
 MapFollower::~MapFollower() {
   {

@@ -70,12 +70,12 @@ int neighboursFor(double range_noise_m, double voxel_size_m) {
   return range_noise_m >= 0.5 * voxel_size_m ? 30 : 10;
 }
 
-/// Each halving of the voxels makes a scan touch about three times as many values.
+/// What a scan of 30 m may reach again: each halving of the voxels makes it about five times as much.
 std::uint64_t deviceCacheFor(double voxel_size_m) {
-  constexpr double kCoarse_m = 0.01, kLeast_bytes = 1e9, kMost_bytes = 64e9;
+  constexpr double kCoarse_m = 0.01, kLeast_bytes = 4e9, kMost_bytes = 64e9;
   constexpr double kRounding = 1e-6;  // 10 mm may have been a float
   const double halvings = std::max(0.0, std::ceil(std::log2(kCoarse_m / voxel_size_m) - kRounding));
-  return static_cast<std::uint64_t>(std::min(kMost_bytes, kLeast_bytes * std::pow(3.0, halvings)));
+  return static_cast<std::uint64_t>(std::min(kMost_bytes, kLeast_bytes * std::pow(5.0, halvings)));
 }
 
 /// Checks a value, or each value of an array, against the range of its row.

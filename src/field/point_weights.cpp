@@ -10,6 +10,7 @@
 #include <array>
 #include <vector>
 
+#include "field/leading_map.h"
 #include "field/reached_leaves.h"
 #include "processor/prefetch.h"
 
@@ -186,12 +187,15 @@ std::vector<Site> sitesByLeaf(const PointStore& points, std::span<const std::uin
   return sites;
 }
 
+/// Voxels around a point's own whose weights count.
+int reachOf(bool neighbourhood_weight) { return neighbourhood_weight ? 1 : 0; }
+
 }  // namespace
 
 MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neighbourhood_weight,
                       const std::optional<VoxelColumnBox>& core) {
   MapReads reads;
-  const int reach = neighbourhood_weight ? 1 : 0;
+  const int reach = reachOf(neighbourhood_weight);
   const auto read = [&map, reach, core](std::span<std::uint16_t> weights, const auto& voxelOf) {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, weights.size(), kPointsPerTask), [&](const auto& range) {
       readWeights(map, reach, range.begin(), range.end(), voxelOf, [&](std::size_t n, std::uint16_t weight) {
@@ -212,6 +216,42 @@ MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neigh
   reads.reached = [&map, reach](std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                 const TakeLeaves& take) {
     return forEachReachedLeaf(map.params(), p_L, q_L, reach, take);
+  };
+  return reads;
+}
+
+void readWeightsOfMap(const PackedMap& map, int reach, std::span<const Index3> voxels,
+                      std::span<std::uint16_t> weights) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, weights.size(), kPointsPerTask), [&](const auto& range) {
+    readWeights(
+        map, reach, range.begin(), range.end(), [&](std::size_t n) { return voxels[n]; },
+        [&](std::size_t n, std::uint16_t weight) { weights[n] = weight; });
+  });
+}
+
+MapReads readsOfLead(const MapReads& map, const PointStore& points, bool neighbourhood_weight,
+                     const std::unique_ptr<LeadingMap>& lead) {
+  MapReads reads = map;
+  const int reach = reachOf(neighbourhood_weight);
+  reads.weights = [of_map = map.weights, reach, &points, &lead](std::span<const std::uint32_t> ids,
+                                                                std::span<std::uint16_t> weights) {
+    if (!lead || !lead->leads()) {
+      of_map(ids, weights);
+      return;
+    }
+    std::vector<Index3> voxels(ids.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) voxels[n] = points.voxelOf(points.first_L(ids[n]));
+    });
+    lead->readWeightsAt(voxels, reach, weights);
+  };
+  reads.weights_at = [of_map = map.weights_at, reach, &lead](std::span<const Index3> voxels,
+                                                             std::span<std::uint16_t> weights) {
+    if (lead && lead->leads()) {
+      lead->readWeightsAt(voxels, reach, weights);
+    } else {
+      of_map(voxels, weights);
+    }
   };
   return reads;
 }

@@ -10,8 +10,9 @@ namespace accessvdb::internal {
 /// @param threads  0 = all  @return threads  @throws InvalidArgument "config.range", before TBB is asked
 int requireThreads(int threads);
 
-inline tbb::task_arena makeArena(int threads) {  ///< @param threads  0 = all
-  return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
+/// @param threads  0 = all  @param priority  low: workers come when others need none, and leave between two tasks
+inline tbb::task_arena makeArena(int threads, tbb::task_arena::priority priority = tbb::task_arena::priority::normal) {
+  return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic), 1, priority);
 }
 
 }  // namespace accessvdb::internal

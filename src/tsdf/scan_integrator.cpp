@@ -5,7 +5,6 @@
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <atomic>
@@ -112,13 +111,12 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   std::sort(order.begin(), order.end(), std::greater<>());
   std::array<BucketResult, ReturnBins::kBuckets> buckets;
   std::atomic<std::size_t> next = 0;
+  // A task for each, so that threads can leave for more urgent work in between.
   tbb::parallel_for(
-      0, tbb::this_task_arena::max_concurrency(),
-      [&](int) {
-        for (std::size_t n = next++; n < order.size(); n = next++) {
-          const std::size_t b = order[n].second;
-          workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b]);
-        }
+      std::size_t{0}, order.size(),
+      [&](std::size_t) {
+        const std::size_t b = order[next++].second;
+        workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b]);
       },
       tbb::simple_partitioner());
 

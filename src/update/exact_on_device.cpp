@@ -66,6 +66,11 @@ class ExactOnDevice final : public UpdateScheduler {
       notes_flips_ = false;
       clearFlips();
     }
+    // Flips of a device and of the host are not handed over together.
+    if (fuser_ != nullptr && (waitingOnDevice() > kMostFlips || (waiting() > 0 && waitingOnDevice() > 0))) {
+      flips_[0].beginVoxelsAt(0);
+      flips_[0].takeFrom(*fuser_);
+    }
     if (waiting() > 2 * joined_ + kMostFlips) joinFlips();
   }
 
@@ -106,6 +111,17 @@ class ExactOnDevice final : public UpdateScheduler {
     return statsOf(outcome);
   }
 
+  bool takesFlipsOnDevice() const override { return true; }
+  void takeFlipsOf(kernels::ScanFuser* fuser) override {
+    if (fuser == nullptr && fuser_ != nullptr) {
+      flips_begun_ = false;
+      flips_[0].beginVoxelsAt(0);
+      flips_[0].takeFrom(*fuser_);
+      if (!notes_flips_) clearFlips();
+    }
+    fuser_ = fuser;
+  }
+
   std::uint64_t bytes() const override {
     std::uint64_t bytes = admission_.bytes();
     for (const WaitingFlips& part : flips_) bytes += part.bytes();
@@ -125,11 +141,13 @@ class ExactOnDevice final : public UpdateScheduler {
       if (n > 0) first[n] = first[n - 1] + static_cast<std::uint32_t>(voxels[n - 1].size());
     }
     tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) { flips_[n].beginVoxelsAt(first[n]); });
-    updater_->begin(inputs_.of(mirror, 0), {lists, voxels});  // it scores nothing
+    const kernels::FlipsOnDevice on_device = fuser_ != nullptr ? fuser_->flips() : kernels::FlipsOnDevice();
+    updater_->begin(inputs_.of(mirror, 0), {lists, voxels, on_device});  // it scores nothing
   }
 
   void clearFlips() {
     for (WaitingFlips& part : flips_) part.clear();
+    if (fuser_ != nullptr) fuser_->clearFlips();
     joined_ = 0;
   }
   /// Leaves and, since they take as much memory, eight voxels each.
@@ -137,6 +155,10 @@ class ExactOnDevice final : public UpdateScheduler {
     std::size_t waiting = 0;
     for (const WaitingFlips& part : flips_) waiting += part.leaves().size() + part.voxels().size() / 8;
     return waiting;
+  }
+  [[nodiscard]] std::size_t waitingOnDevice() const {
+    const kernels::FlipsOnDevice flips = fuser_->flips();
+    return flips.count + flips.voxel_count / 8;
   }
   void joinFlips() {
     tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) { flips_[n].join(); });
@@ -147,6 +169,7 @@ class ExactOnDevice final : public UpdateScheduler {
   std::unique_ptr<kernels::ExactUpdater> updater_;
   bool takes_voxels_;
   DeviceAdmission admission_;
+  kernels::ScanFuser* fuser_ = nullptr;  ///< has the flips of scans, if a device leads
   bool anything_scored_ = false;
   bool notes_flips_ = false;                    ///< an update has scored something, or may be doing so
   bool flips_begun_ = false;                    ///< prepare() was called since the last scan

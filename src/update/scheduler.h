@@ -76,6 +76,12 @@ class UpdateScheduler {
   /// per scan; if not called, update() does this. @param mirror  in the backend's memory, the same as for update()
   virtual void prepare(const kernels::OccupancyGrid* /*mirror*/) {}
 
+  /// Whether it may read what flipped from a device that fuses.
+  [[nodiscard]] virtual bool takesFlipsOnDevice() const { return false; }
+  /// From now on what flips is read from there, in place of noteChange(). @param fuser  must outlive this, or null:
+  /// then what it still has is taken
+  virtual void takeFlipsOf(kernels::ScanFuser* /*fuser*/) {}
+
   /// Scores what is due. Fills in score_ms; the field attributes the rest of the update's time to update_ms.
   /// @param budget_points  most points to score, for each tool; the others wait. 0: no limit
   virtual UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) = 0;

@@ -9,6 +9,7 @@
 
 #include "accessvdb/leaf_change.h"
 #include "launch/exact_updater.h"
+#include "launch/scan_fuser.h"
 
 namespace accessvdb::internal {
 
@@ -16,6 +17,8 @@ class WaitingFlips {
  public:
   /// @param with_voxels  whether each voxel that began or ceased to collide is named
   void add(const LeafChange& change, bool with_voxels);
+  /// Takes what a device noted. @param fuser  has nothing afterwards
+  void takeFrom(kernels::ScanFuser& fuser) { fuser.takeFlips(leaves_, voxels_); }
   /// Counts the voxels of the leaves from there on.
   void beginVoxelsAt(std::uint32_t first);
   /// Merges what happened to a leaf. A voxel that came back to what it was is not named any more.

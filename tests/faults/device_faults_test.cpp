@@ -31,6 +31,7 @@ struct Choice {
   std::uint64_t most_cases = kMostCases;
   bool as_the_cpu = true;  ///< the labels equal the CPU's after every update
   const char* orientations = "yaw";
+  bool leads = false;  ///< the device fuses first; not on the fake one, which runs no kernels
 };
 const Choice kExact = {"exact"};
 const Choice kChoices[] = {
@@ -38,7 +39,8 @@ const Choice kChoices[] = {
     {"exact, by a queue", UpdatePolicy::Exact, 1'000'000, 60},
     {"exact, with a budget", UpdatePolicy::Exact, 300, 60, false},  // different points wait than on the CPU
     {"paper, with a budget", UpdatePolicy::Paper, 300, 60},
-    {"exact, with more directions than a mask holds", UpdatePolicy::Exact, 0, 60, true, "sphere:10"}};
+    {"exact, with more directions than a mask holds", UpdatePolicy::Exact, 0, 60, true, "sphere:10"},
+    {"exact, led by the device", UpdatePolicy::Exact, 0, kMostCases, true, "yaw", true}};
 
 FieldParams paramsOn(BackendKind backend, const Choice& choice = kExact) {
   FieldParams params;
@@ -47,7 +49,7 @@ FieldParams paramsOn(BackendKind backend, const Choice& choice = kExact) {
   params.update.budget_points = choice.budget_points;
   params.approach.orientations = OrientationSet::parse(choice.orientations);
   params.backend = backend;
-  params.mirror_distance = true;  // its calls can fail like all others
+  params.mirror_distance = !choice.leads;  // its calls can fail like all others
   return params;
 }
 
@@ -280,8 +282,12 @@ TEST_F(DeviceFaults, ADeviceThatIsLostInTheMiddleEndsTheRunAndNotThePoints) {
       const Ending ending = runWith({cudaErrorLaunchFailure, nth, "", true}, choice);
       refused += ending.refused;
       in_frames += ending.refused && ending.frame < kFrames;
-      EXPECT_TRUE(ending.refused) << choice.name << " " << nth << " " << faultyCall();
-      EXPECT_EQ(ending.code, ErrorCode::Device) << nth;
+      // Where the device leads, all that is read last are weights, which the host's map has, too.
+      const bool only_weights = choice.leads && ending.frame == kFrames;
+      EXPECT_TRUE(ending.refused || only_weights) << choice.name << " " << nth << " " << faultyCall();
+      if (ending.refused) {
+        EXPECT_EQ(ending.code, ErrorCode::Device) << nth;
+      }
       if (HasFailure()) return;
     }
     EXPECT_GT(refused, static_cast<int>(choice.most_cases) / 5) << choice.name;
@@ -292,7 +298,7 @@ TEST_F(DeviceFaults, ADeviceThatIsLostInTheMiddleEndsTheRunAndNotThePoints) {
 /// With updateAsync(): the update's ticket tells of a device that was lost in it; a scan that came beside it is in the
 /// map and its points, and can still be saved.
 TEST_F(DeviceFaults, ADeviceThatIsLostBesideAScanEndsTheRunAndNotThePoints) {
-  for (const Choice& choice : {kChoices[0], kChoices[3]}) {
+  for (const Choice& choice : {kChoices[0], kChoices[3], kChoices[5]}) {
     const std::uint64_t calls = healthyCalls(choice).run, step = calls / 60 + 1;
     int by_ticket = 0, by_scan = 0;
     for (std::uint64_t nth = 1; nth <= calls; nth += step) {

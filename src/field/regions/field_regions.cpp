@@ -61,6 +61,7 @@ Removal removeRegion(FieldStages& field, const Region& region, RemovedAs as) {
     removal.colliding_voxels += countBits(change.collides_off);
   }
   field.steps.run([&] {
+    field.stopLeading();
     const bool free = as == RemovedAs::Free;
     const std::vector<LeafChange> changes = free ? removeAsFree(field.map, voxels) : removeAsUnknown(field.map, voxels);
     if (field.gone_cells) {

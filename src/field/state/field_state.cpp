@@ -65,6 +65,7 @@ void saveState(const FieldStages& field, const std::filesystem::path& file, io::
 
 void restoreState(FieldStages& field, StateReader& state) {
   const StateHead& head = state.head();
+  field.stopLeading();  // what a saved map holds is not on the device
   if (head.origin_W) field.gate.restoreOrigin(*head.origin_W);
   state.readInto(field.map, field.tools.stores(), [&](auto facts, auto leaves) { field.mirrors.take(facts, leaves); });
   if (field.gone_cells) state.readGone(*field.gone_cells, field.gone_points);

@@ -60,6 +60,9 @@ ToolsOfField::ToolsOfField(std::vector<ToolSpec> specs, const FieldParams& resol
     }
     tool.points = tools_[tool.views_of]->own_points.get();
     tool.reads = makeMapReads(shared.map, *tool.points, params.scoring.neighbourhood_weight, shared.core);
+    if (shared.lead != nullptr) {
+      tool.reads = readsOfLead(tool.reads, *tool.points, params.scoring.neighbourhood_weight, *shared.lead);
+    }
     if (shared.gone != nullptr) tool.reads = readsWithGone(tool.reads, *tool.points, *shared.gone);
   }
   forget();

@@ -24,6 +24,8 @@
 
 namespace accessvdb::internal {
 
+class LeadingMap;
+
 /// @throws InvalidArgument "tool.policy"  for what only knows one tool
 /// @throws ResourceLimit "orientations.count"  for more directions of all tools than an index can name
 void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved);
@@ -54,9 +56,10 @@ class ToolsOfField {
   struct Shared {
     const PackedMap& map;
     kernels::Backend& backend;
-    std::optional<VoxelColumnBox> core;  ///< as for makeMapReads()
-    const GonePoints* gone = nullptr;    ///< only for ChangeMode::Full
-    SharedTables* tables = nullptr;      ///< of several fields; null: these tools make their own
+    std::optional<VoxelColumnBox> core;                 ///< as for makeMapReads()
+    const GonePoints* gone = nullptr;                   ///< only for ChangeMode::Full
+    SharedTables* tables = nullptr;                     ///< of several fields; null: these tools make their own
+    const std::unique_ptr<LeadingMap>* lead = nullptr;  ///< as for readsOfLead(); null: nothing ever leads
   };
 
   /// @param specs  named, at least one  @param resolved  for the first of them

@@ -93,7 +93,7 @@ TEST(FieldRefusals, NotAStateThatGoesOnElsewhere) {
     return AccessibilityField::loadState(folder / "state", onlyTool(pencil(), params), place).params();
   };
   EXPECT_FALSE(at().fuse_on_host);
-  EXPECT_EQ(at().device_cache_bytes, 1'000'000'000u);  // what 10 mm need
+  EXPECT_EQ(at().device_cache_bytes, 4'000'000'000u);  // what 10 mm need
   place.fuse_on_host = true;
   place.device_cache_bytes = 200'000'000;
   EXPECT_TRUE(at().fuse_on_host);

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// How scans get into a map that follows: in order, at most four behind, not while it is read, and not after an error.
 #include "field/map_follower.h"
+#include "field/returning_values.h"
 
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
@@ -314,6 +315,22 @@ TEST(MapFollower, MakesTheMapOfIntegratingAtOnce) {
   EXPECT_GT(expected.leaf_count, 100u);
   EXPECT_EQ(map.leaf_count, expected.leaf_count);
   EXPECT_EQ(test::hashOf(map), test::hashOf(expected));
+}
+
+TEST(ReturningValues, AreTooManyOnlyInManyScansInARow) {
+  ReturningValues values;
+  const auto note = [&](std::uint64_t read, int scans) {
+    for (int n = 0; n < scans; ++n) values.note(read, 100);
+  };
+  note(50, 100);
+  EXPECT_FALSE(values.areTooMany());
+  note(51, ReturningValues::kMostScans - 1);
+  EXPECT_FALSE(values.areTooMany());
+  values.note(10, 100);
+  note(51, ReturningValues::kMostScans - 1);
+  EXPECT_FALSE(values.areTooMany());
+  values.note(51, 100);
+  EXPECT_TRUE(values.areTooMany());
 }
 
 }  // namespace

@@ -60,14 +60,14 @@ TEST(FieldParams, NeighboursGrowWithTheNoise) {
 }
 
 TEST(FieldParams, TheCacheOnTheDeviceGrowsWithSmallerVoxels) {
-  for (const auto& [voxel_size_m, gigabytes] : {std::pair{0.5, 1.0},
-                                                {0.01, 1.0},
-                                                {static_cast<double>(0.01F), 1.0},
-                                                {0.0099, 3.0},
-                                                {0.005, 3.0},
-                                                {0.004, 9.0},
-                                                {0.0025, 9.0},
-                                                {0.00125, 27.0},
+  for (const auto& [voxel_size_m, gigabytes] : {std::pair{0.5, 4.0},
+                                                {0.01, 4.0},
+                                                {static_cast<double>(0.01F), 4.0},
+                                                {0.0099, 20.0},
+                                                {0.005, 20.0},
+                                                {0.004, 64.0},
+                                                {0.0025, 64.0},
+                                                {0.00125, 64.0},
                                                 {0.001, 64.0},
                                                 {0.0005, 64.0}}) {
     EXPECT_EQ(withVoxel(voxel_size_m, 0).resolved().device_cache_bytes, static_cast<std::uint64_t>(1e9 * gigabytes))

@@ -151,7 +151,7 @@ void addFusionOptions(FlagParser& flags, MapOptions& options) {
              "on a GPU, fuse each scan on the processor before it is scored, as without one: the same labels, later");
   flags.option("--max-device-memory", &options.max_device_memory,
                "on a GPU, limit on the memory for the values of the map, for example 2G or 500M; what it holds no more "
-               "it gets from the host again. Default: 1 GB at 10 mm, 3 at 5 mm, 9 at 2.5 mm");
+               "it gets from the host again. Default: 4 GB at 10 mm, 20 at 5 mm");
 }
 
 void addMapOptions(FlagParser& flags, MapOptions& options) {

@@ -1,0 +1,169 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/leading_map.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "field/backend_choice.h"
+#include "field/point_weights.h"
+#include "tsdf/return_region.h"
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr std::size_t kRaysPerTask = 256, kRecordsPerTask = 64;
+
+}  // namespace
+
+bool LeadingMap::mayLead(const FieldParams& resolved) {
+  const TsdfParams& tsdf = resolved.tsdf;
+  return resolved.update.policy == UpdatePolicy::Exact && resolved.change.mode != ChangeMode::Full &&
+         !std::isfinite(resolved.change.free_for_s) && tsdf.region != UpdateRegion::Projective &&
+         !resolved.mirror_distance && !resolved.window && !(tsdf.clear_rays_m > 0) && !(tsdf.platform_radius_m > 0);
+}
+
+LeadingMap::LeadingMap(std::unique_ptr<kernels::ScanFuser> fuser, PackedMap& map, ScanIntegrator& integrator,
+                       NanoVdbMirror& facts, const FieldParams& resolved)
+    : map_(map),
+      integrator_(integrator),
+      facts_(facts),
+      fuser_(std::move(fuser)),
+      follower_([this](const MapFollower::Scan& scan) { return takeIntoMap(scan); }, resolved.threads) {
+  integrator_.hashFlips(true);
+}
+
+LeadingMap::~LeadingMap() = default;
+
+void LeadingMap::prepare(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  rays_.resize(p_L.size());
+  const double v = map_.params().voxel_size_m;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kRaysPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      rays_[n] = makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), v);
+    }
+  });
+  prepared_ = true;
+}
+
+std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector3f> p_L,
+                                                   std::span<const Eigen::Vector3f> q_L, const ScanFrame& frame) {
+  if (!std::exchange(prepared_, false)) prepare(p_L, q_L);
+  if (!std::exchange(knows_space_, true)) space_ = facts_.space();
+  kernels::FusedScan fused;
+  leaves_read_ = 0;
+  try {
+    fused = fuser_->fuse(
+        rays_, 0, space_, [this](std::uint64_t more_bytes) { reserve(more_bytes); }, *this);
+  } catch (const ResourceLimit&) {
+    stop();
+    return std::nullopt;
+  } catch (const DeviceError&) {
+    takeOnHost(p_L, q_L, frame);
+    throw;
+  }
+  returning_.note(leaves_read_, fused.touched_leaves);
+  space_ = kernels::grown(space_, fused.growth.counts());
+  const kernels::GridGrowth& added = fused.growth;
+  {
+    const std::lock_guard lock(mutex_);
+    growths_.push_back({{added.uppers.begin(), added.uppers.end()},
+                        {added.lowers.begin(), added.lowers.end()},
+                        {added.leaves.begin(), added.leaves.end()}});
+  }
+  scan_.p_L.assign(p_L.begin(), p_L.end());
+  scan_.q_L.assign(q_L.begin(), q_L.end());
+  scan_.frame = frame;
+  follower_.take(scan_, fused.flips_hash);
+  if (follower_.diverged()) {
+    follower_.join();
+    throw DeviceError("device.diverged", "cuda", "the map on the GPU is no longer that on the host",
+                      "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
+  }
+  return fused;
+}
+
+void LeadingMap::takeOnHost(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                            const ScanFrame& frame) {
+  stop();
+  integrator_.integrate(p_L, q_L, frame);
+}
+
+/// On the follower's thread.
+std::uint64_t LeadingMap::takeIntoMap(const MapFollower::Scan& scan) {
+  const std::uint64_t hash = integrator_.integrate(scan.p_L, scan.q_L, scan.frame).flips_hash;
+  const std::lock_guard lock(mutex_);
+  const Growth& growth = growths_.front();
+  // Isolated: a thread that waits here must not begin other work, which may want the mutex.
+  tbb::this_task_arena::isolate([&] { facts_.adopt({growth.uppers, growth.lowers, growth.leaves}); });
+  growths_.pop_front();
+  return hash;
+}
+
+void LeadingMap::reserve(std::uint64_t more_bytes) {
+  const std::lock_guard lock(mutex_);
+  const std::uint64_t end = space_.top_bytes + more_bytes;
+  if (end > facts_.committedBytes()) facts_.reserve(end - facts_.usedBytes());
+}
+
+void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights) {
+  static_assert(std::is_same_v<Index3, kernels::GridGrowth::Origin>);
+  try {
+    fuser_->readWeights(voxels, reach, weights, *this);
+  } catch (const Error& error) {
+    if (!isOfDevice(error)) throw;
+    // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
+    if (error.code() == ErrorCode::Device) stop();
+    readWeights(voxels, reach, weights);
+  }
+}
+
+void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
+  leaves_read_ += leaves.size();
+  const MapFollower::Pause pause = follower_.pause();
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), kRecordsPerTask), [&](const auto& range) {
+    ConstPackedAccessor accessor(map_.tree());
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      kernels::LeafRecord& record = leaves[n];
+      const auto& [x, y, z] = record.origin_ijk;
+      const PackedLeaf* leaf = accessor.probeConstLeaf({x, y, z});
+      LeafValues::Room room;
+      const std::uint32_t* values = leaf == nullptr ? nullptr : LeafValues(*leaf).all(room);
+      if (values == nullptr) {
+        throw DeviceError("device.diverged", "cuda", "the GPU misses values that the host's map does not have",
+                          "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
+      }
+      std::copy_n(values, std::size(record.values), record.values);
+      for (openvdb::Index word = 0; word < 8; ++word) {
+        const auto bits = leaf->getValueMask().getWord<std::uint64_t>(word);
+        std::memcpy(record.cleared + std::size_t{2} * word, &bits, sizeof(bits));
+      }
+    }
+  });
+}
+
+void LeadingMap::readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
+                             std::span<std::uint16_t> weights) {
+  follower_.join();
+  readWeightsOfMap(map_, reach, voxels, weights);
+}
+
+void LeadingMap::catchUp() {
+  follower_.join();
+  knows_space_ = false;
+}
+
+void LeadingMap::stop() {
+  catchUp();
+  leads_ = false;
+  integrator_.hashFlips(false);
+}
+
+}  // namespace accessvdb::internal

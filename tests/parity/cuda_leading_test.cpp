@@ -1,0 +1,206 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// A field whose scans the device fuses first: whatever is asked in between, and from whichever scan on the host fuses
+// first again, points and map are those of a field on the CPU.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "accessvdb/region.h"
+#include "accessvdb/what_if.h"
+#include "parity/gpu_test.h"
+#include "parity/parity_walk.h"
+#include "support/determinism_support.h"
+#include "support/same_map.h"
+
+namespace accessvdb::test {
+namespace {
+
+constexpr int kFrames = 10;
+
+FieldParams paramsAt(double voxel_size_m, BackendKind backend) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = voxel_size_m;
+  params.tsdf.range_noise_m = 0.02;
+  params.backend = backend;
+  return params;
+}
+
+const std::vector<WalkFrame>& walkFrames() {
+  static const std::vector<WalkFrame> frames = [] {
+    WalkOptions options = parityWalk(71, kFrames, 4000);
+    options.max_range_m = 8;
+    const WalkGenerator walk(options);
+    std::vector<WalkFrame> all;
+    for (int n = 0; n < kFrames; ++n) all.push_back(walk.frame(n));
+    return all;
+  }();
+  return frames;
+}
+
+const ToolGeometry& pencil() {
+  static const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
+  return tool;
+}
+
+/// Two fields, one on each processor.
+class BothFields {
+ public:
+  explicit BothFields(double voxel_size_m, std::uint64_t cache_bytes = 0)
+      : cpu_(pencil(), paramsAt(voxel_size_m, BackendKind::Cpu)), gpu_(pencil(), [&] {
+          FieldParams params = paramsAt(voxel_size_m, BackendKind::Cuda);
+          params.device_cache_bytes = cache_bytes;
+          return params;
+        }()) {}
+
+  /// @return whether the device fused
+  bool integrate(int frame) {
+    const WalkFrame& scan = walkFrames()[static_cast<std::size_t>(frame)];
+    const FrameStats cpu = cpu_.integrateScan(scan.points_S, scan.T_W_S);
+    const FrameStats gpu = gpu_.integrateScan(scan.points_S, scan.T_W_S);
+    EXPECT_EQ(gpu.touched_leaves, cpu.touched_leaves);
+    EXPECT_EQ(gpu.new_leaves, cpu.new_leaves);
+    EXPECT_EQ(gpu.changed_leaves, cpu.changed_leaves);
+    EXPECT_EQ(gpu.distance_updates, cpu.distance_updates);
+    EXPECT_EQ(gpu.cleared_updates, cpu.cleared_updates);
+    EXPECT_EQ(gpu.flipped_voxels, cpu.flipped_voxels);
+    EXPECT_GT(gpu.changed_leaves, 0u);
+    return gpu.mirror_bytes == 0;  // else the host sent what flipped
+  }
+  void both(const std::function<void(AccessibilityField&)>& act) {
+    act(cpu_);
+    act(gpu_);
+  }
+  void update() {
+    both([](AccessibilityField& field) { field.update(); });
+  }
+  void expectSameFields() const {
+    expectSame(cpu_.snapshot(), gpu_.snapshot());
+    expectSameMap(cpu_.volume(), gpu_.volume());
+  }
+  [[nodiscard]] AccessibilityField& gpu() { return gpu_; }
+  [[nodiscard]] AccessibilityField& cpu() { return cpu_; }
+
+ private:
+  AccessibilityField cpu_, gpu_;
+};
+
+class CudaLeading : public GpuTest {};
+
+TEST_F(CudaLeading, IsOnByDefaultAndOffByRequest) {
+  BothFields fields(0.05);
+  EXPECT_TRUE(fields.integrate(0));
+  FieldParams params = paramsAt(0.05, BackendKind::Cuda);
+  params.fuse_on_host = true;
+  AccessibilityField host(pencil(), params);
+  const FrameStats stats = host.integrateScan(walkFrames()[0].points_S, walkFrames()[0].T_W_S);
+  EXPECT_GT(stats.mirror_bytes, 0u);
+}
+
+/// The host's map is behind whenever nobody asks.
+TEST_F(CudaLeading, AnswersAsIfTheHostWereNotBehind) {
+  BothFields fields(0.03);
+  for (int frame = 0; frame < kFrames; ++frame) {
+    SCOPED_TRACE(frame);
+    EXPECT_TRUE(fields.integrate(frame));
+    if (frame % 3 != 1) fields.update();  // one or two scans an update
+    if (frame % 4 == 3) {
+      fields.update();
+      fields.expectSameFields();
+    }
+    if (HasFailure()) return;
+  }
+  fields.update();
+  fields.expectSameFields();
+  expectSame(fields.cpu().evaluateFromScratch(), fields.gpu().evaluateFromScratch());
+}
+
+TEST_F(CudaLeading, UpdatesRunBesideScans) {
+  BothFields fields(0.03);
+  UpdateTicket ticket;
+  for (int frame = 0; frame < kFrames; ++frame) {
+    EXPECT_TRUE(fields.integrate(frame));
+    fields.cpu().update();
+    ticket = fields.gpu().updateAsync();
+    if (HasFailure()) return;
+  }
+  static_cast<void>(ticket.wait());
+  fields.expectSameFields();
+}
+
+/// What the device holds no more comes back from the host: values that are fused into, and weights.
+TEST_F(CudaLeading, ASmallCacheChangesNothing) {
+  BothFields fields(0.015, 64'000'000);
+  for (int turn = 0; turn < 2; ++turn) {
+    for (int frame = 0; frame < kFrames; ++frame) {
+      EXPECT_TRUE(fields.integrate(turn == 0 ? frame : kFrames - 1 - frame));
+      if (HasFailure()) return;
+    }
+    fields.update();
+    fields.expectSameFields();
+  }
+}
+
+/// From there on the host fuses first. Flips of the scans before, and of that one, wait for an update.
+TEST_F(CudaLeading, EndsWhereOthersChangeTheMap) {
+  struct Event {
+    const char* name;
+    std::function<void(AccessibilityField&)> act;
+    bool ends;
+  };
+  const Region bar = Region::box({-2.5, 2.2, 0.2}, {0.5, 3.2, 1.8});
+  const Event events[] = {
+      {"stopGrowing", [](AccessibilityField& field) { field.stopGrowing(); }, true},
+      {"removeRegion", [&](AccessibilityField& field) { field.removeRegion(bar); }, true},
+      {"whatIf", [&](AccessibilityField& field) { static_cast<void>(field.whatIf(std::span(&bar, 1))); }, false}};
+  for (const Event& event : events) {
+    for (const bool updated : {false, true}) {
+      SCOPED_TRACE(std::string(event.name) + (updated ? ", after an update" : ""));
+      BothFields fields(0.05);
+      for (int frame = 0; frame < 4; ++frame) {
+        EXPECT_TRUE(fields.integrate(frame));
+        if (frame == 1) fields.update();
+      }
+      if (updated || !event.ends) fields.update();
+      fields.both(event.act);
+      for (int frame = 4; frame < 8; ++frame) {
+        const bool led = fields.integrate(frame);
+        if (event.ends) {
+          EXPECT_FALSE(led);
+        } else {
+          EXPECT_TRUE(led);
+        }
+        if (frame % 2 == 1) fields.update();
+      }
+      fields.expectSameFields();
+      if (HasFailure()) return;
+    }
+  }
+}
+
+TEST_F(CudaLeading, ASavedFieldGoesOnOnTheHost) {
+  const std::filesystem::path file = std::filesystem::path(testing::TempDir()) / "led.state";
+  BothFields fields(0.05);
+  for (int frame = 0; frame < 4; ++frame) EXPECT_TRUE(fields.integrate(frame));
+  fields.update();
+  fields.gpu().saveState(file);
+  AccessibilityField loaded = AccessibilityField::loadState(file, pencil(), BackendKind::Cuda);
+  std::filesystem::remove(file);
+  for (int frame = 4; frame < 7; ++frame) {
+    const WalkFrame& scan = walkFrames()[static_cast<std::size_t>(frame)];
+    const FrameStats stats = loaded.integrateScan(scan.points_S, scan.T_W_S);
+    EXPECT_GT(stats.mirror_bytes, 0u);
+    EXPECT_TRUE(fields.integrate(frame));
+  }
+  fields.update();
+  loaded.update();
+  expectSame(fields.cpu().snapshot(), loaded.snapshot());
+  expectSameMap(fields.cpu().volume(), loaded.volume());
+  fields.expectSameFields();
+}
+
+}  // namespace
+}  // namespace accessvdb::test

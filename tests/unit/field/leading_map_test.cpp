@@ -1,0 +1,250 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// A map that a device fuses first, with a device that is a second map on the host: what follows gets every scan,
+// whatever the device says.
+#include "field/leading_map.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <random>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "accessvdb/error.h"
+#include "field/point_weights.h"
+#include "launch/backend.h"
+#include "support/map_hash.h"
+#include "tsdf/scan_integrator.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using Origin = kernels::GridGrowth::Origin;
+using kernels::FollowingMap;
+
+FieldParams smallMap() {
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.02;
+  params.tsdf.truncation_distance_m = 0.08;
+  params.threads = 2;
+  return params;
+}
+
+struct OneMap {
+  OneMap() : map(smallMap().tsdf), integrator(map) {
+    map.setCollisionDistance(0.01f);
+    integrator.hashFlips(true);
+  }
+  PackedMap map;
+  ScanIntegrator integrator;
+};
+
+struct LedScan {
+  std::vector<Eigen::Vector3f> p_L, q_L;
+};
+
+std::vector<LedScan> scansOf(int count) {
+  std::mt19937 random(11);
+  const auto uniform = [&](float low, float high) {
+    return low + (high - low) * static_cast<float>(random() % 65536) / 65536.0f;
+  };
+  std::vector<LedScan> scans(static_cast<std::size_t>(count));
+  for (LedScan& scan : scans) {
+    const float x = uniform(-0.5f, 0.5f);
+    scan.q_L.emplace_back(x, 0.1f, 1.8f);
+    for (int n = 0; n < 300; ++n) {
+      const float dx = uniform(-0.4f, 0.4f), y = uniform(-0.4f, 0.4f);
+      scan.p_L.emplace_back(4 * x + dx, y, uniform(-0.08f, 0.08f));
+    }
+  }
+  return scans;
+}
+
+/// Fuses into a map of its own. It adds nodes as a device does, but writes nothing to the grid.
+class PretendedFuser final : public kernels::ScanFuser {
+ public:
+  explicit PretendedFuser(const std::vector<LedScan>& scans) : scans_(scans) {}
+
+  kernels::FusedScan fuse(std::span<const kernels::ReturnRay> rays, std::uint32_t, const kernels::GridSpace& space,
+                          const Reserve& reserve, FollowingMap& host) override {
+    if (act) act(host);
+    const LedScan& scan = scans_[next_++];
+    EXPECT_EQ(rays.size(), scan.p_L.size());
+    EXPECT_EQ(space, space_.top_bytes == 0 ? space : space_);
+    const IntegrationResult result = of_device_->integrator.integrate(scan.p_L, scan.q_L);
+    uppers_.clear();
+    lowers_.clear();
+    leaves_.clear();
+    for (const auto& part : result.changes) {
+      for (const LeafChange& change : part) note(change.origin_ijk);
+    }
+    kernels::FusedScan fused;
+    fused.counts = result.counts;
+    fused.touched_leaves = result.touched_leaves;
+    fused.flips_hash = result.flips_hash ^ (diverges ? 1 : 0);
+    fused.growth = {uppers_, lowers_, leaves_};
+    reserve(kernels::growthBytes(space, fused.growth.counts()));
+    space_ = kernels::grown(space, fused.growth.counts());
+    return fused;
+  }
+  void readWeights(std::span<const Origin> voxels, int reach, std::span<std::uint16_t> weights,
+                   FollowingMap& host) override {
+    if (weights_fail) throw DeviceError("device.failed", "cuda", "made up", "");
+    host.readWeights(voxels, reach, weights);
+  }
+  kernels::FlipsOnDevice flips() const override { return {}; }
+  void takeFlips(std::vector<kernels::LeafFlips>&, std::vector<std::uint16_t>&) override {}
+  void clearFlips() override {}
+  std::uint64_t bytes() const override { return 1; }
+
+  std::function<void(FollowingMap& host)> act;  ///< before a scan is fused
+  bool diverges = false, weights_fail = false;
+
+ private:
+  void note(const Origin& leaf) {
+    const auto down = [&](int bits) {
+      return Origin{leaf[0] >> bits << bits, leaf[1] >> bits << bits, leaf[2] >> bits << bits};
+    };
+    if (known_uppers_.insert(down(12)).second) uppers_.push_back(down(12));
+    if (known_lowers_.insert(down(7)).second) lowers_.push_back(down(7));
+    if (known_leaves_.insert(leaf).second) leaves_.push_back(leaf);
+  }
+
+  const std::vector<LedScan>& scans_;
+  std::size_t next_ = 0;
+  std::unique_ptr<OneMap> of_device_ = std::make_unique<OneMap>();
+  kernels::GridSpace space_;
+  std::set<Origin> known_uppers_, known_lowers_, known_leaves_;
+  std::vector<Origin> uppers_, lowers_, leaves_;
+};
+
+class LeadingMapTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    auto fuser = std::make_unique<PretendedFuser>(scans_);
+    fuser_ = fuser.get();
+    lead_ = std::make_unique<LeadingMap>(std::move(fuser), host_->map, host_->integrator, facts_, smallMap());
+  }
+  bool fuse(std::size_t n) { return lead_->fuse(scans_[n].p_L, scans_[n].q_L, {}).has_value(); }
+  /// The host's map is that of so many scans.
+  void expectScans(std::size_t count) {
+    OneMap expected;
+    for (std::size_t n = 0; n < count; ++n) expected.integrator.integrate(scans_[n].p_L, scans_[n].q_L);
+    EXPECT_EQ(test::hashOf(host_->map), test::hashOf(expected.map)) << count;
+    EXPECT_EQ(host_->map.leaf_count, expected.map.leaf_count);
+  }
+  std::string errorOf(std::size_t n) {
+    try {
+      fuse(n);
+    } catch (const Error& error) {
+      return error.id();
+    }
+    return "";
+  }
+
+  std::vector<LedScan> scans_ = scansOf(14);
+  std::unique_ptr<kernels::Backend> backend_ = kernels::makeCpuBackend();
+  std::unique_ptr<OneMap> host_ = std::make_unique<OneMap>();  ///< of which TBB may throw in the end
+  NanoVdbMirror facts_{backend_->makeArena(), 0.02};
+  PretendedFuser* fuser_ = nullptr;
+  std::unique_ptr<LeadingMap> lead_;
+};
+
+TEST_F(LeadingMapTest, TheHostGetsEveryScanAndTheMirrorEveryNode) {
+  for (std::size_t n = 0; n < scans_.size(); ++n) {
+    if (n % 3 == 0) lead_->prepare(scans_[n].p_L, scans_[n].q_L);
+    EXPECT_TRUE(fuse(n));
+    if (n % 5 != 4) continue;
+    lead_->catchUp();
+    expectScans(n + 1);
+    EXPECT_EQ(facts_.leafCount(), host_->map.leaf_count);
+  }
+  lead_->catchUp();
+  expectScans(scans_.size());
+  EXPECT_EQ(facts_.leafCount(), host_->map.leaf_count);
+  EXPECT_TRUE(lead_->leads());
+  EXPECT_TRUE(lead_->pays());
+}
+
+TEST_F(LeadingMapTest, NoRoomLeavesTheScanToTheHost) {
+  for (std::size_t n = 0; n < 3; ++n) EXPECT_TRUE(fuse(n));
+  fuser_->act = [](FollowingMap&) { throw ResourceLimit("memory.device", "cuda", "made up", ""); };
+  EXPECT_FALSE(fuse(3));
+  EXPECT_FALSE(lead_->leads());
+  expectScans(3);
+  EXPECT_EQ(facts_.leafCount(), host_->map.leaf_count);
+}
+
+TEST_F(LeadingMapTest, AScanOfAFailedDeviceIsInTheHostsMap) {
+  for (std::size_t n = 0; n < 3; ++n) EXPECT_TRUE(fuse(n));
+  fuser_->act = [](FollowingMap&) { throw DeviceError("device.failed", "cuda", "made up", ""); };
+  EXPECT_EQ(errorOf(3), "device.failed");
+  EXPECT_FALSE(lead_->leads());
+  expectScans(4);
+}
+
+TEST_F(LeadingMapTest, MapsThatDifferEndTheRunWithTheHostsMapWhole) {
+  for (std::size_t n = 0; n < 2; ++n) EXPECT_TRUE(fuse(n));
+  fuser_->diverges = true;
+  std::size_t n = 2;
+  std::string id;
+  for (; id.empty() && n < 2 + 2 * MapFollower::kMostBehind; ++n) id = errorOf(n);
+  EXPECT_EQ(id, "device.diverged");
+  lead_->catchUp();
+  expectScans(n);
+}
+
+TEST_F(LeadingMapTest, DoesNotPayWhereMostValuesComeBack) {
+  fuser_->act = [&](FollowingMap& host) {
+    host.wait();
+    std::vector<kernels::LeafRecord> leaves;
+    for (auto leaf = host_->map.tree().cbeginLeaf(); leaf; ++leaf) {
+      const openvdb::Coord& origin = leaf->origin();
+      if (LeafValues(*leaf)) leaves.emplace_back().origin_ijk = {origin.x(), origin.y(), origin.z()};
+    }
+    host.read(leaves);
+    for (const kernels::LeafRecord& record : leaves) {
+      const PackedLeaf* leaf =
+          host_->map.tree().probeConstLeaf({record.origin_ijk[0], record.origin_ijk[1], record.origin_ijk[2]});
+      LeafValues::Room room;
+      const std::uint32_t* values = LeafValues(*leaf).all(room);
+      EXPECT_TRUE(std::equal(values, values + 512, record.values));
+    }
+  };
+  std::size_t n = 0;
+  for (; n < scans_.size() && lead_->pays(); ++n) EXPECT_TRUE(fuse(n));
+  EXPECT_GE(n, static_cast<std::size_t>(ReturningValues::kMostScans));
+  EXPECT_FALSE(lead_->pays());
+  lead_->stop();
+  expectScans(n);
+}
+
+TEST_F(LeadingMapTest, WeightsAreThoseOfAllScansWhoeverReadsThem) {
+  for (std::size_t n = 0; n < 5; ++n) EXPECT_TRUE(fuse(n));
+  OneMap expected;
+  for (std::size_t n = 0; n < 5; ++n) expected.integrator.integrate(scans_[n].p_L, scans_[n].q_L);
+  std::vector<Index3> voxels;
+  for (const Eigen::Vector3f& p : scans_[4].p_L) {
+    voxels.push_back({static_cast<std::int32_t>(std::floor(p.x() / 0.02f + 0.5f)),
+                      static_cast<std::int32_t>(std::floor(p.y() / 0.02f + 0.5f)),
+                      static_cast<std::int32_t>(std::floor(p.z() / 0.02f + 0.5f))});
+  }
+  std::vector<std::uint16_t> wanted(voxels.size());
+  readWeightsOfMap(expected.map, 1, voxels, wanted);
+  EXPECT_GT(*std::max_element(wanted.begin(), wanted.end()), 0);
+  for (const bool fails : {false, true}) {
+    fuser_->weights_fail = fails;
+    std::vector<std::uint16_t> weights(voxels.size());
+    lead_->readWeightsAt(voxels, 1, weights);
+    EXPECT_EQ(weights, wanted);
+    EXPECT_EQ(lead_->leads(), !fails);
+  }
+}
+
+}  // namespace
+}  // namespace accessvdb::internal
