@@ -37,9 +37,9 @@ struct FrameStats {
   double integrate_ms = 0;             ///< sorting out returns, map and points: everything but the mirror. On a GPU the
                                        ///< first scan after an update begins with its choice, most of it hidden here.
                                        ///< With updateAsync() it includes waiting for the update
-  double mirror_ms = 0;                ///< patching the NanoVDB mirror
+  double mirror_ms = 0;                ///< patching the NanoVDB mirror; 0 if a GPU fuses into it
   std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; sent to the mirror
-  std::uint64_t mirror_bytes = 0;      ///< written to the mirror
+  std::uint64_t mirror_bytes = 0;      ///< sent to the mirror; 0 if a GPU fuses into it
   // The mirror of distances, if there is one (FieldParams::mirror_distance):
   double distance_mirror_ms = 0;            ///< patching it
   std::uint64_t distance_leaves = 0;        ///< leaves in which distances changed; their changed rows are sent
