@@ -64,6 +64,11 @@ struct FieldStages {
   /// Call before values of the map or the mirror are changed by others than scans: from then on the host fuses first.
   void stopLeading();
 
+  /// Waits for the update and for the host's map, which still need all members.
+  ~FieldStages() { steps.settle(); }
+  FieldStages(const FieldStages&) = delete;
+  FieldStages& operator=(const FieldStages&) = delete;
+
   /// Of a tile, whose other points are not the user's.
   [[nodiscard]] std::optional<VoxelColumnBox> core() const;
   /// Points that are unscored whatever their state says; by id.

@@ -92,8 +92,10 @@ class FieldSteps {
     if (!catch_up_) return;
     try {
       catch_up_();
-    } catch (...) {  // its scan is lost, whatever it was
-      whole_ = host_whole_ = false;
+    } catch (const Error& error) {
+      loseToCatchUp(isOfDevice(error));
+    } catch (...) {
+      loseToCatchUp(false);
     }
   }
   /// Waits for the update.
@@ -127,13 +129,21 @@ class FieldSteps {
   struct UpdateFailed {
     bool of_device;
   };
-  [[noreturn]] static void refuse() {
+  /// Call while handling what catch_up_ threw. If it is of the host, its scan is lost.
+  void loseToCatchUp(bool of_device) {
+    whole_ = false;
+    host_whole_ = host_whole_ && of_device;
+    if (!catch_up_failed_) catch_up_failed_ = std::current_exception();
+  }
+  [[noreturn]] void refuse() const {
+    if (catch_up_failed_) std::rethrow_exception(catch_up_failed_);  // nobody else has told of it
     throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field can no longer answer",
                         "Start a new field, with a larger voxel size if memory was short");
   }
 
   FieldViews& views_;
   std::function<void()> catch_up_;
+  std::exception_ptr catch_up_failed_;
   bool whole_ = true;       ///< false once a step failed half-way
   bool host_whole_ = true;  ///< false once one failed on the host
   BackgroundUpdate background_;

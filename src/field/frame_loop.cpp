@@ -96,7 +96,11 @@ void beginScan(FieldStages& field, ScanUnderWay& under_way, double passed_s) {
     }
     if (field.map.agesFreeSpace()) under_way.changes.aged = ageFreeSpace(field, ageAfter(field, passed_s));
   };
-  runBeside(add_points, bin_and_age);
+  if (field.leads()) {
+    runBeside(bin_and_age, add_points);  // a failure of the host must not be hidden by the device's
+  } else {
+    runBeside(add_points, bin_and_age);
+  }
 }
 
 /// @param open  () -> where voxels of what has gone are opened

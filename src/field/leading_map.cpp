@@ -63,8 +63,10 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
     fused = fuser_->fuse(
         rays_, 0, space_, [this](std::uint64_t more_bytes) { reserve(more_bytes); }, *this);
   } catch (const ResourceLimit&) {
-    stop();
-    return std::nullopt;
+    leave();
+    if (!follower_.diverged()) return std::nullopt;
+    integrator_.integrate(p_L, q_L, frame);
+    requireEqualMaps();
   } catch (const DeviceError&) {
     takeOnHost(p_L, q_L, frame);
     throw;
@@ -82,17 +84,21 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
   scan_.q_L.assign(q_L.begin(), q_L.end());
   scan_.frame = frame;
   follower_.take(scan_, fused.flips_hash);
-  if (follower_.diverged()) {
-    follower_.join();
-    throw DeviceError("device.diverged", "cuda", "the map on the GPU is no longer that on the host",
-                      "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
-  }
+  requireEqualMaps();
   return fused;
+}
+
+/// So far: of scans that the host's map has not got yet nothing is known.
+void LeadingMap::requireEqualMaps() {
+  if (!follower_.diverged()) return;
+  leave();
+  throw DeviceError("device.diverged", "cuda", "the map on the GPU is no longer that on the host",
+                    "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
 }
 
 void LeadingMap::takeOnHost(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                             const ScanFrame& frame) {
-  stop();
+  leave();
   integrator_.integrate(p_L, q_L, frame);
 }
 
@@ -120,7 +126,7 @@ void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::s
   } catch (const Error& error) {
     if (!isOfDevice(error)) throw;
     // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
-    if (error.code() == ErrorCode::Device) stop();
+    if (error.code() == ErrorCode::Device) leave();
     readWeights(voxels, reach, weights);
   }
 }
@@ -158,10 +164,18 @@ void LeadingMap::readWeights(std::span<const kernels::GridGrowth::Origin> voxels
 void LeadingMap::catchUp() {
   follower_.join();
   knows_space_ = false;
+  requireEqualMaps();
 }
 
 void LeadingMap::stop() {
-  catchUp();
+  leave();
+  requireEqualMaps();
+}
+
+/// The device no longer leads, whatever its map is.
+void LeadingMap::leave() {
+  follower_.join();
+  knows_space_ = false;
   leads_ = false;
   integrator_.hashFlips(false);
 }

@@ -4,6 +4,7 @@
 /// map, which is the authority, gets the same scans on a thread of its own (docs/design/gpu.md, "The device leads").
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <memory>
@@ -52,7 +53,9 @@ class LeadingMap final : private kernels::FollowingMap {
   void readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights);
 
   /// Waits until the host's map has all scans; then it and the mirror may be changed, but no values that the device may
-  /// hold: for that stop().  @throws what failed on the host
+  /// hold: for that stop().
+  /// @throws what failed on the host; DeviceError "device.diverged" if its map turned out to be another one than the
+  /// device's, and then the device no longer leads
   void catchUp();
   /// The same, and the device no longer leads.
   void stop();
@@ -75,12 +78,14 @@ class LeadingMap final : private kernels::FollowingMap {
   void wait() override { follower_.join(); }
 
   [[nodiscard]] std::uint64_t takeIntoMap(const MapFollower::Scan& scan);
+  void leave();
+  void requireEqualMaps();
   void reserve(std::uint64_t more_bytes);
 
   PackedMap& map_;
   ScanIntegrator& integrator_;
   NanoVdbMirror& facts_;
-  bool leads_ = true;
+  std::atomic<bool> leads_ = true;  ///< an update beside a scan may find that the device failed
   ReturningValues returning_;
   std::uint64_t leaves_read_ = 0;  ///< for the scan that is fused
   std::vector<kernels::ReturnRay> rays_;

@@ -121,6 +121,7 @@ void launchTakeRecords(const ReachView& scan, const CacheView& cache, const Slot
 
 void launchKeepReached(const ReachView& scan, const CacheView& cache, std::uint32_t leaves, std::uint32_t scan_number,
                        cudaStream_t stream) {
+  if (leaves == 0) return;
   keepReached<<<fusionBlocks(leaves), kFusionThreads, 0, stream>>>(scan, cache, leaves, scan_number);
   checkLaunch("keepReached");
 }

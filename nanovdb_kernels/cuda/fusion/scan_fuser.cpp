@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <utility>
@@ -19,6 +20,7 @@
 #include "cuda/memory/range_array.h"
 #include "cuda/memory/staging.h"
 #include "launch/counted_memory.h"
+#include "launch/slot_counts.h"
 
 namespace accessvdb::kernels {
 namespace {
@@ -35,30 +37,30 @@ constexpr float kRegionMargin = 16;
 using Origin = GridGrowth::Origin;
 static_assert(sizeof(Origin) == 3 * sizeof(std::int32_t));
 
+/// Then the host fuses it.
+[[noreturn]] void throwTooLarge() {
+  throw ResourceLimit("device.scan_extent", "cuda", "the scan is too large to be fused on the GPU",
+                      "Use larger voxels, or BackendKind::Cpu");
+}
+
 /// Slots of one kind, and which of them are free.
 class SlotList {
  public:
   explicit SlotList(std::shared_ptr<DeviceContext> context) : free_(std::move(context)) {}
 
-  [[nodiscard]] SlotsView view() const { return {free_.data(), free_count_, next_}; }
-  [[nodiscard]] std::uint32_t count() const { return next_; }
-  /// So many there will be once `needs` are taken.
-  [[nodiscard]] std::uint32_t countWith(std::uint32_t needs) const {
-    return next_ + (needs > free_count_ ? needs - free_count_ : 0);
-  }
+  [[nodiscard]] SlotsView view() const { return {free_.data(), counts_.free, counts_.next}; }
+  [[nodiscard]] std::uint32_t count() const { return counts_.next; }
+  [[nodiscard]] const SlotCounts& counts() const { return counts_; }
   /// @throws ResourceLimit
   void growFree(std::uint32_t slots) { free_.grow(slots); }
-  void take(std::uint32_t needs) {
-    next_ = countWith(needs);
-    free_count_ -= std::min(needs, free_count_);
-  }
+  void take(std::uint32_t needs) { counts_.take(needs); }
   /// They are on the list already.
-  void giveBack(std::uint32_t count) { free_count_ += count; }
+  void giveBack(std::uint32_t count) { counts_.free += count; }
   [[nodiscard]] std::uint64_t bytes() const { return free_.bytes(); }
 
  private:
   RangeArray<std::uint32_t> free_;
-  std::uint32_t free_count_ = 0, next_ = 0;
+  SlotCounts counts_;
 };
 
 class Implementation final : public DeviceScanFuser {
@@ -220,10 +222,16 @@ class Implementation final : public DeviceScanFuser {
     low.fill(std::numeric_limits<double>::max());
     high.fill(std::numeric_limits<double>::lowest());
     const RegionConstants& region = setting_.region;
+    // No less than there are: leaves of the cube around a return, and of each layer along its ray.
+    const auto cubeOf = [](float voxels) { return std::pow(static_cast<double>(voxels) / 8 + 3, 3); };
+    const double across = std::pow(static_cast<double>(region.band_radius) / 2 + 4, 2) + 3;
+    double pairs = 0;
     for (std::size_t n = 0; n < rays.size(); ++n) {
       const ReturnRay& ray = rays[n];
       const bool is_ball = n >= rays.size() - balls;
       const float length = is_ball ? 0 : std::min(std::max(region.band_end, region.line_end), ray.range);
+      pairs += is_ball ? cubeOf(2 * region.ball_radius)
+                       : cubeOf(2 * region.tau) + (static_cast<double>(length) / 8 + 3) * across;
       const float around = is_ball ? region.ball_radius : std::max(region.tau, region.band_radius);
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const double end = static_cast<double>(length) * static_cast<double>(ray.to_sensor[axis]);
@@ -232,6 +240,7 @@ class Implementation final : public DeviceScanFuser {
         high[axis] = std::max(high[axis], ray.base_ijk[axis] + std::max(0.0, end) + margin);
       }
     }
+    if (pairs > std::numeric_limits<std::int32_t>::max()) throwTooLarge();
     LeafKeys keys;
     std::uint64_t uppers = 1;
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -239,9 +248,7 @@ class Implementation final : public DeviceScanFuser {
       keys.size[axis] =
           static_cast<std::uint32_t>(static_cast<std::int64_t>(std::floor(high[axis] / 4096)) - keys.low[axis] + 1);
       uppers *= keys.size[axis];
-      if (uppers > std::numeric_limits<std::uint32_t>::max()) {
-        throw ResourceLimit("device.scan_extent", "cuda", "the scan is too large to be fused on the GPU", "");
-      }
+      if (uppers > std::numeric_limits<std::uint32_t>::max()) throwTooLarge();
     }
     return keys;
   }
@@ -307,7 +314,7 @@ class Implementation final : public DeviceScanFuser {
     origins_on_host_.reserve(added * sizeof(Origin));
     const std::size_t flipped = std::size_t{flip_count_} + most.leaves;
     flip_leaves_.growWithRoom(memory_, flipped, roomFor(flipped), flip_count_);
-    const std::uint32_t votes = vote_slots_.countWith(most.vote_needs);
+    const std::uint32_t votes = vote_slots_.counts().countWith(most.vote_needs);
     requireNumbers(votes);
     vote_slots_.growFree(roundedSlots(votes));
     votes_.grow(roundedSlots(votes) * kVotes);
@@ -328,11 +335,12 @@ class Implementation final : public DeviceScanFuser {
   /// Room for the values of more leaves, within the bound if what the scan reaches fits. @throws ResourceLimit
   void makeValueSlots(const ReachView& scan, const FusionCounters& most, std::uint32_t more, FollowingMap& host) {
     const std::uint64_t limit = setting_.cache_bytes / kSlotBytes;
-    if (setting_.cache_bytes > 0 && value_slots_.countWith(more) > limit) {
+    const std::uint64_t to_free = value_slots_.counts().toFree(more, limit);
+    if (setting_.cache_bytes > 0 && to_free > 0) {
       launchKeepReached(scan, cacheView(), most.leaves, scans_ + 1, stream());
-      evict(value_slots_.countWith(more) - limit, static_cast<std::uint32_t>(limit / 8), host);
+      evict(to_free, static_cast<std::uint32_t>(limit / 8), host);
     }
-    const std::uint32_t slots = value_slots_.countWith(more);
+    const std::uint32_t slots = value_slots_.counts().countWith(more);
     requireNumbers(slots);
     const std::size_t rounded = roundedSlots(slots);
     value_slots_.growFree(static_cast<std::uint32_t>(rounded));

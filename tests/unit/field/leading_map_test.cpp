@@ -195,8 +195,34 @@ TEST_F(LeadingMapTest, MapsThatDifferEndTheRunWithTheHostsMapWhole) {
   std::string id;
   for (; id.empty() && n < 2 + 2 * MapFollower::kMostBehind; ++n) id = errorOf(n);
   EXPECT_EQ(id, "device.diverged");
-  lead_->catchUp();
+  EXPECT_FALSE(lead_->leads());
+  EXPECT_THROW(lead_->catchUp(), DeviceError);
   expectScans(n);
+}
+
+/// It is known before anybody gets an answer, though no scan follows that would tell.
+TEST_F(LeadingMapTest, MapsThatDifferInTheLastScanAreFoundWhenTheHostCatchesUp) {
+  for (std::size_t n = 0; n < 2; ++n) EXPECT_TRUE(fuse(n));
+  lead_->catchUp();
+  fuser_->diverges = true;
+  const std::string at_once = errorOf(2);  // if the host was quick
+  EXPECT_TRUE(at_once.empty() || at_once == "device.diverged") << at_once;
+  EXPECT_THROW(lead_->catchUp(), DeviceError);
+  EXPECT_FALSE(lead_->leads());
+  expectScans(3);
+}
+
+TEST_F(LeadingMapTest, MapsThatDifferAreFoundWhereTheDeviceHasNoRoom) {
+  EXPECT_TRUE(fuse(0));
+  fuser_->diverges = true;
+  if (const std::string at_once = errorOf(1); !at_once.empty()) {
+    EXPECT_EQ(at_once, "device.diverged");
+    GTEST_SKIP() << "the host was quick";
+  }
+  fuser_->act = [](FollowingMap&) { throw ResourceLimit("memory.device", "cuda", "made up", ""); };
+  EXPECT_EQ(errorOf(2), "device.diverged");
+  EXPECT_FALSE(lead_->leads());
+  expectScans(3);
 }
 
 TEST_F(LeadingMapTest, DoesNotPayWhereMostValuesComeBack) {
