@@ -38,7 +38,6 @@ struct FusedScan {
 /// A leaf's values, and what was cleared, as the host's map has them.
 struct LeafRecord {
   GridGrowth::Origin origin_ijk = {};  ///< lowest voxel
-  std::uint32_t unused = 0;            ///< values are read 16 bytes at a time
   std::uint32_t values[512] = {};      ///< packed (hostdev/packed_mean.h)
   std::uint32_t cleared[16] = {};
 };

@@ -21,6 +21,11 @@ namespace {
 
 constexpr std::size_t kRaysPerTask = 256, kRecordsPerTask = 64;
 
+[[noreturn]] void throwDiverged() {
+  throw DeviceError("device.diverged", "cuda", "the map on the GPU is no longer that on the host",
+                    "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
+}
+
 }  // namespace
 
 bool LeadingMap::mayLead(const FieldParams& resolved) {
@@ -64,9 +69,11 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
         rays_, 0, space_, [this](std::uint64_t more_bytes) { reserve(more_bytes); }, *this);
   } catch (const ResourceLimit&) {
     leave();
-    if (!follower_.diverged()) return std::nullopt;
-    integrator_.integrate(p_L, q_L, frame);
-    requireEqualMaps();
+    if (follower_.diverged()) {
+      integrator_.integrate(p_L, q_L, frame);
+      requireEqualMaps();
+    }
+    return std::nullopt;
   } catch (const DeviceError&) {
     takeOnHost(p_L, q_L, frame);
     throw;
@@ -92,8 +99,7 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
 void LeadingMap::requireEqualMaps() {
   if (!follower_.diverged()) return;
   leave();
-  throw DeviceError("device.diverged", "cuda", "the map on the GPU is no longer that on the host",
-                    "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
+  throwDiverged();
 }
 
 void LeadingMap::takeOnHost(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
@@ -142,10 +148,7 @@ void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
       const PackedLeaf* leaf = accessor.probeConstLeaf({x, y, z});
       LeafValues::Room room;
       const std::uint32_t* values = leaf == nullptr ? nullptr : LeafValues(*leaf).all(room);
-      if (values == nullptr) {
-        throw DeviceError("device.diverged", "cuda", "the GPU misses values that the host's map does not have",
-                          "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
-      }
+      if (values == nullptr) throwDiverged();
       std::copy_n(values, std::size(record.values), record.values);
       for (openvdb::Index word = 0; word < 8; ++word) {
         const auto bits = leaf->getValueMask().getWord<std::uint64_t>(word);

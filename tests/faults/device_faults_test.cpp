@@ -64,10 +64,7 @@ const std::vector<WalkFrame>& frames() {
     options.frames = kFrames;
     options.rays_per_frame = 2000;
     options.max_range_m = 8;
-    const WalkGenerator walk(options);
-    std::vector<WalkFrame> all;
-    for (int n = 0; n < kFrames; ++n) all.push_back(walk.frame(n));
-    return all;
+    return allFrames(options);
   }();
   return frames;
 }

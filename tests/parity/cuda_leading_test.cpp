@@ -33,10 +33,7 @@ const std::vector<WalkFrame>& walkFrames() {
   static const std::vector<WalkFrame> frames = [] {
     WalkOptions options = parityWalk(71, kFrames, 4000);
     options.max_range_m = 8;
-    const WalkGenerator walk(options);
-    std::vector<WalkFrame> all;
-    for (int n = 0; n < kFrames; ++n) all.push_back(walk.frame(n));
-    return all;
+    return allFrames(options);
   }();
   return frames;
 }

@@ -3,6 +3,8 @@
 /// The sample-scan generator under the name that tests use.
 #pragma once
 
+#include <vector>
+
 #include "sample_scans/scan_folder.h"
 #include "sample_scans/walk_generator.h"
 
@@ -14,6 +16,13 @@ using samples::WalkFrame;
 using samples::WalkGenerator;
 using samples::WalkOptions;
 using samples::writeScanFolder;
+
+inline std::vector<WalkFrame> allFrames(const WalkOptions& options) {
+  const WalkGenerator walk(options);
+  std::vector<WalkFrame> all;
+  for (int n = 0; n < walk.frames(); ++n) all.push_back(walk.frame(n));
+  return all;
+}
 
 /// A few metres past trees, for tests that map a walk several times.
 inline WalkOptions shortWalk(int frames, int rays_per_frame) {

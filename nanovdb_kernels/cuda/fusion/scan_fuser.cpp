@@ -12,6 +12,7 @@
 
 #include "accessvdb/error.h"
 #include "cuda/fusion/fusion_views.h"
+#include "cuda/memory/counters_on_device.h"
 #include "cuda/memory/cuda_check.h"
 #include "cuda/memory/device_context.h"
 #include "cuda/memory/growing.h"
@@ -70,27 +71,25 @@ class Implementation final : public DeviceScanFuser {
       : context_(std::move(context)),
         memory_(memory),
         setting_(setting),
-        grid_(reinterpret_cast<std::byte*>(const_cast<OccupancyGrid*>(grid)))  // the device writes it
-        ,
-        counters_(memory_, 1),
+        // The device writes it.
+        grid_(reinterpret_cast<std::byte*>(const_cast<OccupancyGrid*>(grid))),
+        counters_(memory_, stream()),
         value_slots_(context_),
         vote_slots_(context_),
         values_(context_),
         cleared_(context_),
         owner_(context_),
         stamp_(context_),
-        votes_(context_) {
-    counters_on_host_.reserve(sizeof(FusionCounters));
-  }
+        votes_(context_) {}
 
   FusedScan fuse(std::span<const ReturnRay> rays, std::uint32_t balls, const GridSpace& space, const Reserve& reserve,
                  FollowingMap& host) override {
     const CurrentDevice current(context_->device());
     ReachView scan = viewOf(rays, balls);
     ACCESSVDB_CUDA(cudaEventRecord(begun_.get(), stream()));
-    fillBytes(counters_.data(), 0, sizeof(FusionCounters), stream());
+    counters_.clear(stream());
     launchCountPairs(scan, scratch_, stream());
-    const std::uint32_t pairs = readCounters().pairs;
+    const std::uint32_t pairs = counters_.read(stream()).pairs;
     if (pairs > 0) {
       growPairs(pairs, scan);
       const std::uint64_t uppers =
@@ -100,16 +99,15 @@ class Implementation final : public DeviceScanFuser {
       launchFindNeeds(scan, pairs, scratch_, stream());
     }
     // All that can fail for lack of memory comes before the first write to the map.
-    FusionCounters most = readCounters();
+    FusionCounters most = counters_.read(stream());
     if (most.missed > 0) {
       takeMissed(scan, most, host);
       launchFindNeeds(scan, pairs, scratch_, stream());
-      most = readCounters();
+      most = counters_.read(stream());
     }
     makeRoom(scan, most, space, reserve, host);
     ++scans_;
     if (pairs == 0) return {};
-    takeValues(scan);
     launchAssignSlots(scan, most.leaves, value_slots_.view(), vote_slots_.view(), scratch_, stream());
     value_slots_.take(most.value_needs);
     vote_slots_.take(most.vote_needs);
@@ -117,7 +115,7 @@ class Implementation final : public DeviceScanFuser {
     launchFuseLeaves(fused, stream());
     launchPublishLeaves(scan, fused, growthOf(space), most, value_slots_.view(), vote_slots_.view(), cacheView(),
                         scans_, scratch_, stream());
-    const FusionCounters done = readCounters();
+    const FusionCounters done = counters_.read(stream());
     value_slots_.giveBack(done.freed_values);
     vote_slots_.giveBack(done.freed_votes);
     listFlips(fused, done);
@@ -191,9 +189,9 @@ class Implementation final : public DeviceScanFuser {
 
   /// Whether kernels do anything: of what a device says after a scan, nothing else would tell.
   [[nodiscard]] bool answers() {
-    fillBytes(counters_.data(), 0, sizeof(FusionCounters), stream());
+    counters_.clear(stream());
     launchAnswer(counters_.data(), stream());
-    return readCounters().pairs == 1;
+    return counters_.read(stream()).pairs == 1;
   }
 
   float lastMilliseconds() override {
@@ -205,16 +203,6 @@ class Implementation final : public DeviceScanFuser {
  private:
   /// The mirror's own: what it writes and what this writes are in order.
   [[nodiscard]] cudaStream_t stream() const { return context_->priorityStream(); }
-
-  /// Waits for the device.
-  FusionCounters readCounters() {
-    ACCESSVDB_CUDA(cudaMemcpyAsync(counters_on_host_.data(), counters_.data(), sizeof(FusionCounters),
-                                   cudaMemcpyDeviceToHost, stream()));
-    ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
-    FusionCounters counters;
-    std::memcpy(&counters, counters_on_host_.data(), sizeof(counters));
-    return counters;
-  }
 
   /// @throws ResourceLimit  the scan is too large
   [[nodiscard]] LeafKeys keysFor(std::span<const ReturnRay> rays, std::uint32_t balls) const {
@@ -264,7 +252,8 @@ class Implementation final : public DeviceScanFuser {
     scan.region = setting_.region;
     scan.news = setting_.news;
     scan.votes = setting_.votes;
-    takeValues(scan);
+    scan.values = values_.data();
+    scan.cleared = cleared_.data();
     first_pair_.growWithRoom(memory_, rays.size() + 1, roomFor(rays.size() + 1), 0);
     scan.first_pair = first_pair_.data();
     scan.counters = counters_.data();
@@ -413,10 +402,6 @@ class Implementation final : public DeviceScanFuser {
   [[nodiscard]] CacheView cacheView() const {
     return {grid_, values_.data(), cleared_.data(), owner_.data(), stamp_.data(), value_slots_.count()};
   }
-  void takeValues(ReachView& scan) const {
-    scan.values = values_.data();
-    scan.cleared = cleared_.data();
-  }
 
   [[nodiscard]] FusionView fusionOf(const ReachView& scan, const FusionCounters& most) const {
     FusionView view = {};
@@ -476,8 +461,8 @@ class Implementation final : public DeviceScanFuser {
   FusionSetting setting_;
   std::byte* grid_;
   CubScratch scratch_{memory_, {}};
-  DeviceArray<FusionCounters> counters_;
-  PinnedBuffer counters_on_host_, origins_on_host_;
+  CountersOnDevice<FusionCounters> counters_;
+  PinnedBuffer origins_on_host_;
   OwnedEvent begun_{cudaEventDefault}, ended_{cudaEventDefault};
   std::uint32_t scans_ = 0;
 
