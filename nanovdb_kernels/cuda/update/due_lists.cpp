@@ -20,8 +20,9 @@ void DueLists::growBlocks(std::uint32_t blocks, cudaStream_t stream) {
 
 void DueLists::growItems(std::uint32_t points) {
   // Room for all points of a small map, else for parts of a map, of which few points are due.
-  const std::size_t items = std::clamp<std::size_t>(roomFor(points), kLeastItems, kMaxItems);
-  if (items_.size() < items) {
+  const auto within = [](std::size_t items) { return std::clamp<std::size_t>(items, kLeastItems, kMaxItems); };
+  if (items_.size() < within(points)) {
+    const std::size_t items = within(roomFor(points));
     items_.grow(memory_, items, 0);
     order_.grow(memory_, items, 0);
     whole_.grow(memory_, items, 0);

@@ -16,11 +16,8 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kThreads = 256;
-/// Warps per block for groups. Few: some groups take long, others no time, and a block stays until its last warp is
-/// done.
-constexpr unsigned kWarps = 2;
-/// Blocks that a multiprocessor should hold: this limits the registers. Shared memory may limit it to fewer.
-constexpr unsigned kGroupBlocks = 16;
+/// Blocks for groups that a multiprocessor should hold: this limits the registers. Shared memory may limit it to fewer.
+constexpr unsigned kGroupBlocks = 28;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
@@ -305,30 +302,28 @@ class GroupScan {
   int lane_;
 };
 
-/// One warp per group.
+/// One block of one warp per group: some groups take long, others no time.
 template <bool kByLeaf>
-__global__ void __launch_bounds__(kWarps* kWarp, kGroupBlocks)
-    groupMasks(FlipContext context, FlipsView flips, GroupMasksView out) {
-  __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][kMostGathered];
-  __shared__ std::uint16_t all_lists[kWarps][kMostListed];
-  __shared__ LeavesOfArm all_freed_arms[kWarps], all_blocked_arms[kWarps];
-  const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
-  if (group >= context.groups.groups) return;
-  const int lane = static_cast<int>(threadIdx.x % kWarp);
-  const unsigned warp = threadIdx.x / kWarp;
+__global__ void __launch_bounds__(kWarp, kGroupBlocks)
+    groupMasks(const __grid_constant__ FlipContext context, const __grid_constant__ FlipsView flips,
+               const __grid_constant__ GroupMasksView out) {
+  __shared__ std::uint32_t steps[32 * kDirectionWords32], gathered[kMostGathered];
+  __shared__ std::uint16_t columns[kMostListed];
+  __shared__ LeavesOfArm freed_of_arm, blocked_of_arm;
+  const std::uint32_t group = blockIdx.x;
+  const int lane = static_cast<int>(threadIdx.x);
   MasksOfWarp masks(lane);
   if (context.groups.with_points[group] != 0) {
     const std::int32_t* leaf = context.groups.leaf + 3 * static_cast<std::size_t>(group);
     const bool remembers = context.known.remembers();
-    for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) all_steps[warp][n] = 0;
+    for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) steps[n] = 0;
     __syncwarp();
     const FlipScope scope = {context, flips, lane};
-    std::uint32_t* const steps = all_steps[warp];
-    FreedLeaves<kByLeaf> freed(scope, leaf, all_freed[warp], remembers ? steps : nullptr);
+    FreedLeaves<kByLeaf> freed(scope, leaf, gathered, remembers ? steps : nullptr);
     const bool by_corridor = !kByLeaf && remembers && context.corridors.table != nullptr;
-    ArmLeaves freed_arms(by_corridor ? &all_freed_arms[warp] : nullptr, true, lane),
-        blocked_arms(by_corridor ? &all_blocked_arms[warp] : nullptr, false, lane);
-    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], {masks, freed, freed_arms, blocked_arms}).scanAll();
+    ArmLeaves freed_arms(by_corridor ? &freed_of_arm : nullptr, true, lane),
+        blocked_arms(by_corridor ? &blocked_of_arm : nullptr, false, lane);
+    GroupScan<kByLeaf>(scope, leaf, columns, {masks, freed, freed_arms, blocked_arms}).scanAll();
     freed.count();
     const std::int32_t highest = leaf[2] + (1 << context.groups.log2) - 1;
     if (remembers && masks.any(2)) {  // the better masks come first
@@ -363,12 +358,11 @@ void launchGroupMasks(const FlipContext& context, const FlipsView& flips, const 
                       cudaStream_t stream) {
   const std::uint32_t groups = context.groups.groups;
   if (groups == 0) return;
-  const unsigned blocks = (groups + kWarps - 1) / kWarps;
   // Each has only what it needs: code that is not used would cost registers.
   if (context.footprint.heights != nullptr) {
-    groupMasks<true><<<blocks, kWarps * kWarp, 0, stream>>>(context, flips, masks);
+    groupMasks<true><<<groups, kWarp, 0, stream>>>(context, flips, masks);
   } else {
-    groupMasks<false><<<blocks, kWarps * kWarp, 0, stream>>>(context, flips, masks);
+    groupMasks<false><<<groups, kWarp, 0, stream>>>(context, flips, masks);
   }
   checkLaunch("groupMasks");
 }

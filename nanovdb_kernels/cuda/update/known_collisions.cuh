@@ -315,44 +315,27 @@ __device__ inline void markBlocked(const FlipContext& context, std::uint32_t gro
   });
 }
 
-/// Forgets which corridors are blocked, of some points and a word per lane.
-template <int kPoints>
-__device__ void forgetCorridors(const KnownView& known, const std::size_t (&ids)[kPoints], const bool (&some)[kPoints],
-                                const std::uint32_t (&freed)[kPoints], int lane) {
-  const int slot = known.slots.slotOf(lane);
-  KnownCounts before[kPoints];
+/// Forgets which corridors are blocked, in one word of a point.
+__device__ inline void forgetCorridors(const KnownView& known, std::size_t id, int slot, std::uint32_t freed) {
+  KnownCounts& of_word = KnownRow::countsOf(known, id)[slot];
+  KnownCounts counts = of_word;
+  bool changes = false;
 #pragma unroll
-  for (int i = 0; i < kPoints; ++i) {
-    if (some[i]) before[i] = KnownRow::countsOf(known, ids[i])[slot];
+  for (int n = 0; n < kKnownPerWord; ++n) {
+    if ((freed >> n & 1u) == 0 || (counts.of[n] & known_count::kArmBlocked) == 0) continue;
+    counts.of[n] = known_count::boundOf(counts.of[n]);
+    changes = true;
   }
-#pragma unroll
-  for (int i = 0; i < kPoints; ++i) {
-    if (!some[i]) continue;
-    KnownCounts after = before[i];
-    bool changes = false;
-#pragma unroll
-    for (int n = 0; n < kKnownPerWord; ++n) {
-      if ((freed[i] >> n & 1u) == 0 || (after.of[n] & known_count::kArmBlocked) == 0) continue;
-      after.of[n] = known_count::boundOf(after.of[n]);
-      changes = true;
-    }
-    if (changes) KnownRow::countsOf(known, ids[i])[slot] = after;
-  }
+  if (changes) of_word = counts;
 }
-/// The same for levels, which are lowered, too. @param less  by how much, of this lane's word
-template <int kPoints>
-__device__ void lowerLevels(const KnownView& known, const std::size_t (&ids)[kPoints], const bool (&some)[kPoints],
-                            const std::uint32_t (&freed)[kPoints], std::uint64_t less, int lane) {
-  const int slot = known.slots.slotOf(lane);
-  std::uint64_t before[kPoints];
-#pragma unroll
-  for (int i = 0; i < kPoints; ++i) before[i] = some[i] ? KnownRow::levelsOf(known, ids[i])[slot] : 0;
-#pragma unroll
-  for (int i = 0; i < kPoints; ++i) {
-    if (before[i] == 0) continue;  // nothing is known
-    const std::uint64_t after = known_word::lowered(before[i], less) & ~known_word::spread(freed[i]);
-    if (after != before[i]) KnownRow::levelsOf(known, ids[i])[slot] = after;
-  }
+/// The same for levels, which are lowered, too. @param less  by how much
+__device__ inline void lowerLevels(const KnownView& known, std::size_t id, int slot, std::uint32_t freed,
+                                   std::uint64_t less) {
+  std::uint64_t& levels = KnownRow::levelsOf(known, id)[slot];
+  const std::uint64_t before = levels;
+  if (before == 0) return;  // nothing is known
+  const std::uint64_t after = known_word::lowered(before, less) & ~known_word::spread(freed);
+  if (after != before) levels = after;
 }
 
 /// Ages what is known about the points of a group. One warp calls it. @return the directions that may have become
@@ -391,42 +374,36 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
     counter = freed;
   }
   if (!__any_sync(kAllLanes, ages || arms != 0)) return improvable;
+  const bool all_age = __any_sync(kAllLanes, ages) != 0;
   const std::int32_t* const leaf = context.groups.leaf + 3 * static_cast<std::size_t>(group);
   forEachPoint(context, group, lane, [&](std::uint32_t id) {
+    bool changes = id != kNoIndex;
     if (ageing.leaves != nullptr) {
       __syncwarp();  // all have read what is overwritten
-      if (id != kNoIndex) {
-        ageing.leaves->of_point[lane] = freedCorridors(context, ageing.flips, *ageing.leaves, leaf, id);
+      if (changes) {
+        const DirectionMask freed = freedCorridors(context, ageing.flips, *ageing.leaves, leaf, id);
+        ageing.leaves->of_point[lane] = freed;
+        changes = all_age || any(freed);
       }
       __syncwarp();
     }
-    // One point after the other, one word per lane; this many at a time, to hide memory latency.
-    constexpr int kTogether = 8;
-    const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
-    for (int first = 0; first < points; first += kTogether) {
-      std::uint32_t freed[kTogether];
-#pragma unroll
-      for (int i = 0; i < kTogether; ++i) {
-        const bool there = lane < words && first + i < points;
-        freed[i] = there ? arms : 0;
-        if (there && ageing.leaves != nullptr) {
-          static_assert(sizeof(DirectionMask) == kWarp);
-          freed[i] = reinterpret_cast<const std::uint8_t*>(&ageing.leaves->of_point[first + i])[lane];
-        }
-        improvable.arm |= freed[i];
+    // One point after the other, one word per lane.
+#pragma unroll 1
+    for (unsigned left = __ballot_sync(kAllLanes, changes); left != 0; left &= left - 1) {
+      const int of_lane = lowestBit(left);
+      const std::size_t of = __shfl_sync(kAllLanes, id, of_lane);
+      if (lane >= words) continue;
+      std::uint32_t freed = arms;
+      if (ageing.leaves != nullptr) {
+        static_assert(sizeof(DirectionMask) == kWarp);
+        freed = reinterpret_cast<const std::uint8_t*>(&ageing.leaves->of_point[of_lane])[lane];
       }
-      std::size_t of[kTogether];
-      bool lowers[kTogether];
-#pragma unroll
-      for (int i = 0; i < kTogether; ++i) {
-        of[i] = __shfl_sync(kAllLanes, id, first + i);
-        lowers[i] = lane < words && first + i < points && (ages || freed[i] != 0) &&
-                    slots.holds(KnownRow::noteOf(known, of[i]), lane);
-      }
+      improvable.arm |= freed;
+      if ((!ages && freed == 0) || !slots.holds(KnownRow::noteOf(known, of), lane)) continue;
       if (known.follows) {
-        forgetCorridors<kTogether>(known, of, lowers, freed, lane);
+        forgetCorridors(known, of, slots.slotOf(lane), freed);
       } else {
-        lowerLevels<kTogether>(known, of, lowers, freed, less, lane);
+        lowerLevels(known, of, slots.slotOf(lane), freed, less);
       }
     }
   });
