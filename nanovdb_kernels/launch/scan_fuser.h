@@ -42,6 +42,12 @@ struct LeafRecord {
   std::uint32_t cleared[16] = {};
 };
 
+/// Votes of a leaf, as the host's map has them (hostdev/vote_rule.h).
+struct VotesRecord {
+  GridGrowth::Origin origin_ijk = {};  ///< lowest voxel
+  std::uint32_t votes[48] = {};        ///< three bits a voxel: 512 of each, the lowest first
+};
+
 /// The host's map, which gets the same scans later.
 class FollowingMap {
  public:
@@ -62,6 +68,13 @@ class ScanFuser {
   virtual ~ScanFuser() = default;
   ScanFuser(const ScanFuser&) = delete;
   ScanFuser& operator=(const ScanFuser&) = delete;
+
+  /// Begins with the map that the host has, if that is not empty. Before the first scan.
+  /// @param space  of its grid, which is on the device  @param with_values  leaves that have values: the host keeps
+  /// them until a scan reaches them  @param votes  of leaves that have any
+  /// @throws ResourceLimit
+  virtual void begin(const GridSpace& space, std::span<const GridGrowth::Origin> with_values,
+                     std::span<const VotesRecord> votes) = 0;
 
   /// Backs so many bytes of the arena behind GridSpace::top_bytes. @throws ResourceLimit
   using Reserve = std::function<void(std::uint64_t more_bytes)>;

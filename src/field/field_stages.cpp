@@ -76,8 +76,10 @@ std::unique_ptr<LeadingMap> FieldStages::makeLead() {
   setting.cache_bytes = std::min(params.device_cache_bytes, backend->freeBytes() / 2);
   std::unique_ptr<kernels::ScanFuser> fuser = backend->makeScanFuser(setting, mirrors.grid());
   if (!fuser) return nullptr;
-  scheduler->takeFlipsOf(fuser.get());
-  return std::make_unique<LeadingMap>(std::move(fuser), map, integrator, mirrors.facts(), params);
+  kernels::ScanFuser* const flips_of = fuser.get();
+  auto made = std::make_unique<LeadingMap>(std::move(fuser), map, integrator, mirrors.facts(), params);
+  scheduler->takeFlipsOf(flips_of);
+  return made;
 }
 
 void FieldStages::stopLeading() {
@@ -86,6 +88,15 @@ void FieldStages::stopLeading() {
   // Without a device that works the field is lost, and what flipped there with it.
   scheduler->takeFlipsOf(nullptr);
   lead->forgetDevice();
+}
+
+void FieldStages::leadAgain() {
+  if (!lead || !map.grows() || !map.leftOut().empty()) return;
+  lead.reset();
+  try {
+    lead = makeLead();
+  } catch (const ResourceLimit&) {  // then the host fuses
+  }
 }
 
 std::optional<VoxelColumnBox> FieldStages::core() const {

@@ -63,6 +63,9 @@ struct FieldStages {
   [[nodiscard]] bool leads() const { return lead && lead->leads(); }
   /// Call before values of the map or the mirror are changed by others than scans: from then on the host fuses first.
   void stopLeading();
+  /// After stopLeading(), once the host has changed the map: the device leads again if it may and has room. It knows
+  /// nothing of voxels that were left out.
+  void leadAgain();
 
   /// Waits for the update and for the host's map, which still need all members.
   ~FieldStages() { steps.settle(); }

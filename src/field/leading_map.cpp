@@ -28,6 +28,22 @@ constexpr std::size_t kRaysPerTask = 256, kRecordsPerTask = 64;
 
 }  // namespace
 
+HeldByMap heldBy(const PackedMap& map) {
+  HeldByMap held;
+  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
+    const openvdb::Coord& ijk = leaf->origin();
+    const kernels::GridGrowth::Origin origin = {ijk.x(), ijk.y(), ijk.z()};
+    if (LeafValues(*leaf)) held.with_values.push_back(origin);
+    const VoxelVotes* const votes = map.votesOf(*leaf);
+    if (votes == nullptr) continue;
+    kernels::VotesRecord& record = held.votes.emplace_back();
+    record.origin_ijk = origin;
+    static_assert(sizeof(record.votes) == sizeof(votes->bit));
+    std::memcpy(record.votes, votes->bit.data(), sizeof(record.votes));
+  }
+  return held;
+}
+
 bool LeadingMap::mayLead(const FieldParams& resolved) {
   const TsdfParams& tsdf = resolved.tsdf;
   return resolved.update.policy == UpdatePolicy::Exact && resolved.change.mode != ChangeMode::Full &&
@@ -42,6 +58,10 @@ LeadingMap::LeadingMap(std::unique_ptr<kernels::ScanFuser> fuser, PackedMap& map
       facts_(facts),
       fuser_(std::move(fuser)),
       follower_([this](const MapFollower::Scan& scan) { return takeIntoMap(scan); }, resolved.threads) {
+  if (map.leaf_count > 0) {
+    const HeldByMap held = heldBy(map);
+    fuser_->begin(facts.space(), held.with_values, held.votes);
+  }
   integrator_.hashFlips(true);
 }
 
@@ -127,14 +147,18 @@ void LeadingMap::reserve(std::uint64_t more_bytes) {
 
 void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights) {
   static_assert(std::is_same_v<Index3, kernels::GridGrowth::Origin>);
-  try {
-    fuser_->readWeights(voxels, reach, weights, *this);
-  } catch (const Error& error) {
-    if (!isOfDevice(error)) throw;
-    // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
-    if (error.code() == ErrorCode::Device) leave();
-    readWeights(voxels, reach, weights);
-  }
+  const std::lock_guard lock(asking_);
+  // Isolated: as in takeIntoMap().
+  tbb::this_task_arena::isolate([&] {
+    try {
+      fuser_->readWeights(voxels, reach, weights, *this);
+    } catch (const Error& error) {
+      if (!isOfDevice(error)) throw;
+      // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
+      if (error.code() == ErrorCode::Device) leave();
+      readWeights(voxels, reach, weights);
+    }
+  });
 }
 
 void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {

@@ -25,12 +25,20 @@
 
 namespace accessvdb::internal {
 
+/// What a map holds before a device leads: of values only which leaves have them.
+struct HeldByMap {
+  std::vector<kernels::GridGrowth::Origin> with_values;
+  std::vector<kernels::VotesRecord> votes;
+};
+[[nodiscard]] HeldByMap heldBy(const PackedMap& map);
+
 /// For one thread at a time, as the field.
 class LeadingMap final : private kernels::FollowingMap {
  public:
   /// Whether a device may lead at all with these parameters.
   [[nodiscard]] static bool mayLead(const FieldParams& resolved);
-  /// @param fuser, map, integrator, facts  must outlive this; the map is empty
+  /// @param fuser, map, integrator, facts  must outlive this; the mirror has the map
+  /// @throws ResourceLimit  there is no room on the device for what the map holds
   LeadingMap(std::unique_ptr<kernels::ScanFuser> fuser, PackedMap& map, ScanIntegrator& integrator,
              NanoVdbMirror& facts, const FieldParams& resolved);
   /// Waits for the host's map.
@@ -49,7 +57,7 @@ class LeadingMap final : private kernels::FollowingMap {
                                                        std::span<const Eigen::Vector3f> q_L, const ScanFrame& frame);
   /// For a scan that cannot be fused because the device failed. @throws what failed on the host
   void takeOnHost(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L, const ScanFrame& frame);
-  /// As MapReads::weights_at, of the device's map.
+  /// As MapReads::weights_at, of the device's map. Thread-safe.
   void readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights);
 
   /// Waits until the host's map has all scans; then it and the mirror may be changed, but no values that the device may
@@ -92,6 +100,7 @@ class LeadingMap final : private kernels::FollowingMap {
   bool prepared_ = false;
   bool knows_space_ = false;    ///< nobody else changed the grid since
   kernels::GridSpace space_;    ///< of the device's grid
+  std::mutex asking_;           ///< of what readWeightsAt() uses
   std::mutex mutex_;            ///< of the mirror's topology, and of what follows
   std::deque<Growth> growths_;  ///< of the scans that the host's map has not got yet
   std::unique_ptr<kernels::ScanFuser> fuser_;

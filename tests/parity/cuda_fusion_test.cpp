@@ -55,8 +55,9 @@ class FusionTwin : public GpuTest {
   }
 
   /// Fuses a stream on both, scan by scan. @param far_m  of news; 0: nothing votes  @param cache_bytes  0: no limit
+  /// @param again_every  so many scans a device begins with the map that is there; 0: never
   StreamTotals compare(const TsdfParams& params, const std::vector<TwinScan>& scans, double far_m,
-                       std::uint64_t cache_bytes = 0) {
+                       std::uint64_t cache_bytes = 0, std::size_t again_every = 0) {
     const std::unique_ptr<PackedMap> made = makeMap(params, far_m);
     PackedMap& map = *made;
     ScanIntegrator integrator(map);
@@ -66,6 +67,7 @@ class FusionTwin : public GpuTest {
     StreamTotals totals;
     for (std::size_t n = 0; n < scans.size(); ++n) {
       SCOPED_TRACE("scan " + std::to_string(n));
+      if (again_every > 0 && n % again_every == again_every - 1) twin.beginAgain(map);
       twin.fuse(map, scans[n].p_L, {&scans[n].q_L, 1});
       const internal::IntegrationResult result = integrator.integrate(scans[n].p_L, {&scans[n].q_L, 1});
       const FusionDifferences found = twin.compare(map, result);
@@ -228,6 +230,17 @@ TEST_F(FusionTwin, ValuesThatLeaveAndComeBack) {
   }
 }
 
+/// Values come back as scans reach them; votes are there at once.
+TEST_F(FusionTwin, BeginsWithTheMapOfTheHost) {
+  TsdfParams params = paramsOf(0.01, 0.06);
+  const StreamTotals sheet = compare(params, movingSheet(24, 1500, 0.01), farOf(params), 0, 3);
+  sheet.expectAtLeast({1000, 0, 1000, 100, 1000000, 1000});
+  EXPECT_GT(sheet.leaves_read, 1000u);
+  if (HasFailure()) return;
+  params = paramsOf(0.02, 0.1);
+  EXPECT_GT(compare(params, walk(6, 8000), farOf(params), std::uint64_t{1} << 23, 2).leaves_read, 10000u);
+}
+
 TEST_F(FusionTwin, ThePapersRegion) {
   TsdfParams params = paramsOf(0.01, 0.08);
   params.region = UpdateRegion::FullCube;
@@ -237,12 +250,16 @@ TEST_F(FusionTwin, ThePapersRegion) {
   }
 }
 
-/// Streams of all kinds of maps. ACCESSVDB_FUSION_STREAMS: how many (30).
+int numberFrom(const char* variable, int otherwise) {
+  const char* given = std::getenv(variable);
+  return given == nullptr ? otherwise : std::atoi(given);
+}
+
+/// Streams of all kinds of maps. ACCESSVDB_FUSION_STREAMS: how many (30), from number ACCESSVDB_FUSION_FIRST (0) on.
 TEST_F(FusionTwin, RandomStreams) {
-  const char* wanted = std::getenv("ACCESSVDB_FUSION_STREAMS");
-  const int streams = wanted == nullptr ? 30 : std::atoi(wanted);
+  const int first = numberFrom("ACCESSVDB_FUSION_FIRST", 0), streams = numberFrom("ACCESSVDB_FUSION_STREAMS", 30);
   std::uint64_t votes = 0, wide = 0;
-  for (int number = 0; number < streams; ++number) {
+  for (int number = first; number < first + streams; ++number) {
     SCOPED_TRACE("stream " + std::to_string(number));
     std::mt19937 random(static_cast<unsigned>(number) + 1);
     const auto uniform = [&random](double low, double high) {
@@ -275,7 +292,8 @@ TEST_F(FusionTwin, RandomStreams) {
     const double far_m = random() % 4 == 0 ? 0 : uniform(1, 4) * v;
     // Where lines are cleared, what the host need not look at is seen in values.
     const std::uint64_t cache_bytes = params.clear_rays_m > 0 || random() % 2 == 0 ? 0 : random() % (1u << 22);
-    const StreamTotals totals = compare(params, scans, far_m, cache_bytes);
+    const std::size_t again_every = params.clear_rays_m == 0 && random() % 3 == 0 ? 2 + random() % 8 : 0;
+    const StreamTotals totals = compare(params, scans, far_m, cache_bytes, again_every);
     if (HasFailure()) return;
     votes += totals.voted_leaves;
     wide += totals.wide_leaves;

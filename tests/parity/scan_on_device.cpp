@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "cuda/fusion/leaf_slots.h"
+#include "field/leading_map.h"
 #include "launch/leaf_patch.h"
 #include "launch/stopwatch.h"
 #include "tsdf/leaf_facts.h"
@@ -134,16 +135,28 @@ ScanOnDevice::ScanOnDevice(kernels::CudaBackend& backend, const internal::Packed
     : backend_(backend),
       behind_(behind),
       mirror_(mirrorIn(backend.makeArena(), map.params().voxel_size_m, &arena_)),
-      shape_(map.params()) {
+      shape_(map.params()),
+      cache_bytes_(cache_bytes) {
   space_.top_bytes = mirror_.usedBytes();
   space_.root_capacity = internal::NanoVdbMirror::kDefaultRootCapacity;
+  fuser_ = makeFuser(map);
+}
+
+std::unique_ptr<kernels::DeviceScanFuser> ScanOnDevice::makeFuser(const internal::PackedMap& map) {
   kernels::FusionSetting setting;
   setting.region = shape_;
   setting.constants = internal::kernelConstants(map, shape_);
   setting.news = map.newsRule();
   setting.votes = map.blocksNewThings();
-  setting.cache_bytes = cache_bytes;
-  fuser_ = backend.makeDeviceScanFuser(setting, mirror_.grid());
+  setting.cache_bytes = cache_bytes_;
+  return backend_.makeDeviceScanFuser(setting, mirror_.grid());
+}
+
+void ScanOnDevice::beginAgain(const internal::PackedMap& map) {
+  behind_.beginAgain();
+  fuser_ = makeFuser(map);
+  const internal::HeldByMap held = internal::heldBy(map);
+  fuser_->begin(space_, held.with_values, held.votes);
 }
 
 void ScanOnDevice::fuse(const internal::PackedMap& map, std::span<const Eigen::Vector3f> p_L,

@@ -43,6 +43,11 @@ class MapBehind final : public kernels::FollowingMap {
   void wait() override { catchUp(0); }
 
   [[nodiscard]] std::uint64_t leavesRead() const { return leaves_read_; }
+  /// For a device that begins with its map: from now on scans are counted from 0.
+  void beginAgain() {
+    wait();
+    scans_ = 0;
+  }
 
  private:
   void catchUp(std::size_t behind);
@@ -65,6 +70,8 @@ class ScanOnDevice {
   /// Call before the map integrates the scan: which returns are news, and where the platform may be, depends on it.
   /// @param q_L  [n] or [1]
   void fuse(const internal::PackedMap& map, std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  /// Forgets all but the grid, and begins with the map that the host has after the latest scan.
+  void beginAgain(const internal::PackedMap& map);
   /// Of the whole map. @param result  of the scan, after the map integrated it
   [[nodiscard]] FusionDifferences compare(const internal::PackedMap& map, const internal::IntegrationResult& result);
 
@@ -81,6 +88,7 @@ class ScanOnDevice {
   [[nodiscard]] std::uint64_t bytes() const { return fuser_->bytes(); }
 
  private:
+  [[nodiscard]] std::unique_ptr<kernels::DeviceScanFuser> makeFuser(const internal::PackedMap& map);
   void compareFlips(const internal::IntegrationResult& result, FusionDifferences& found);
   void compareWeights(const internal::PackedMap& map, FusionDifferences& found);
 
@@ -90,6 +98,7 @@ class ScanOnDevice {
   internal::NanoVdbMirror mirror_;
   internal::RegionShape shape_;
   kernels::GridSpace space_;
+  std::uint64_t cache_bytes_;
   std::unique_ptr<kernels::DeviceScanFuser> fuser_;
   std::vector<kernels::ReturnRay> rays_;
   kernels::FusedScan last_;

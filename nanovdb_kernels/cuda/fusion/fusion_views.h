@@ -123,6 +123,13 @@ void launchAssignSlots(const ReachView& scan, std::uint32_t leaves, const SlotsV
 void launchListMissed(const ReachView& scan, std::uint32_t missed, GridGrowth::Origin* origins, cudaStream_t stream);
 
 // leaf_cache.cu
+/// Lets no leaf of the grid have values or votes. @param uppers  upper nodes of the grid
+void launchForgetSlots(std::byte* grid, std::uint32_t uppers, cudaStream_t stream);
+/// Lets leaves have values, on the host.
+void launchNoteOnHost(std::byte* grid, DeviceList<GridGrowth::Origin> leaves, cudaStream_t stream);
+/// Puts votes into the slots from `first_slot` on. @param votes  FusionView::votes
+void launchTakeVotes(std::byte* grid, DeviceList<VotesRecord> records, std::uint32_t* votes, std::uint32_t first_slot,
+                     cudaStream_t stream);
 /// Puts what the host sent into slots. @param missed  their numbers among the leaves
 void launchTakeRecords(const ReachView& scan, const CacheView& cache, const SlotsView& slots, std::uint32_t first_slot,
                        DeviceList<LeafRecord> records, const std::uint32_t* missed, std::uint32_t scan_number,

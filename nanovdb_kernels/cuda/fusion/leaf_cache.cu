@@ -11,6 +11,52 @@ namespace {
 
 using nanovdb::Coord;
 
+/// One thread for each lower node that there may be.
+__global__ void forgetSlots(std::byte* grid, std::uint32_t uppers) {
+  const std::uint64_t thread = std::uint64_t{blockIdx.x} * kFusionThreads + threadIdx.x;
+  const std::uint64_t number = thread / OccupancyUpper::SIZE;
+  const auto place = static_cast<std::uint32_t>(thread % OccupancyUpper::SIZE);
+  if (number >= uppers) return;
+  grid_nodes::Root* const root = grid_nodes::rootOf(grid);
+  auto* const upper = reinterpret_cast<grid_nodes::Upper*>(reinterpret_cast<std::byte*>(root) +
+                                                           grid_nodes::tilesOf(root)[number].child);
+  if (!upper->mChildMask.isOn(place)) return;
+  auto* const lower =
+      reinterpret_cast<grid_nodes::Lower*>(reinterpret_cast<std::byte*>(upper) + upper->mTable[place].child);
+  for (std::uint32_t n = 0; n < OccupancyLower::SIZE; ++n) {
+    if (lower->mChildMask.isOn(n)) {
+      grid_nodes::slotsOf(reinterpret_cast<std::byte*>(lower) + lower->mTable[n].child) = LeafSlots{};
+    }
+  }
+}
+
+__device__ Coord coordOf(const GridGrowth::Origin& origin) {
+  const auto* const of = reinterpret_cast<const std::int32_t*>(&origin);
+  return {of[0], of[1], of[2]};
+}
+
+__global__ void noteOnHost(std::byte* grid, DeviceList<GridGrowth::Origin> leaves) {
+  const std::uint32_t n = blockIdx.x * kFusionThreads + threadIdx.x;
+  if (n >= leaves.count) return;
+  auto* const leaf = reinterpret_cast<std::byte*>(grid_nodes::leafAt(grid, coordOf(leaves.data[n])));
+  if (leaf != nullptr) grid_nodes::slotsOf(leaf).values_plus_one = LeafSlots::kOnHost;
+}
+
+/// One warp for each record.
+__global__ void takeVotes(std::byte* grid, DeviceList<VotesRecord> records, std::uint32_t* votes,
+                          std::uint32_t first_slot) {
+  const std::uint32_t n = (blockIdx.x * kFusionThreads + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
+  if (n >= records.count) return;
+  constexpr unsigned kWords = sizeof(VotesRecord::votes) / sizeof(std::uint32_t);
+  const VotesRecord& record = records.data[n];
+  for (unsigned word = lane; word < kWords; word += kWarp) {
+    votes[std::size_t{kWords} * (first_slot + n) + word] = record.votes[word];
+  }
+  if (lane != 0) return;
+  auto* const leaf = reinterpret_cast<std::byte*>(grid_nodes::leafAt(grid, coordOf(record.origin_ijk)));
+  if (leaf != nullptr) grid_nodes::slotsOf(leaf).votes_plus_one = first_slot + n + 1;
+}
+
 /// One warp for each record.
 __global__ void takeRecords(ReachView scan, CacheView cache, SlotsView slots, std::uint32_t first_slot,
                             DeviceList<LeafRecord> records, const std::uint32_t* missed, std::uint32_t scan_number) {
@@ -81,10 +127,10 @@ __global__ void largestWeights(CacheView cache, const GridGrowth::Origin* voxels
                                std::uint16_t* weights) {
   const std::uint32_t n = blockIdx.x * kFusionThreads + threadIdx.x;
   if (n >= count) return;
-  const auto* const of = reinterpret_cast<const std::int32_t*>(voxels + n);
+  const Coord of = coordOf(voxels[n]);
   WeightReader reader(cache);
   std::uint32_t most = 0;
-  const std::uint32_t own = reader.at(Coord(of[0], of[1], of[2]));
+  const std::uint32_t own = reader.at(of);
   // Leaf by leaf: at most two along each axis, since the reach is below a leaf's edge.
   for (int part = 0; part < 8; ++part) {
     std::int32_t low[3], high[3];
@@ -110,6 +156,26 @@ __global__ void largestWeights(CacheView cache, const GridGrowth::Origin* voxels
 }
 
 }  // namespace
+
+void launchForgetSlots(std::byte* grid, std::uint32_t uppers, cudaStream_t stream) {
+  if (uppers == 0) return;
+  forgetSlots<<<fusionBlocks(std::uint64_t{uppers} * OccupancyUpper::SIZE), kFusionThreads, 0, stream>>>(grid, uppers);
+  checkLaunch("forgetSlots");
+}
+
+void launchNoteOnHost(std::byte* grid, DeviceList<GridGrowth::Origin> leaves, cudaStream_t stream) {
+  if (leaves.count == 0) return;
+  noteOnHost<<<fusionBlocks(leaves.count), kFusionThreads, 0, stream>>>(grid, leaves);
+  checkLaunch("noteOnHost");
+}
+
+void launchTakeVotes(std::byte* grid, DeviceList<VotesRecord> records, std::uint32_t* votes, std::uint32_t first_slot,
+                     cudaStream_t stream) {
+  if (records.count == 0) return;
+  takeVotes<<<fusionBlocks(std::uint64_t{records.count} * kWarp), kFusionThreads, 0, stream>>>(grid, records, votes,
+                                                                                               first_slot);
+  checkLaunch("takeVotes");
+}
 
 void launchTakeRecords(const ReachView& scan, const CacheView& cache, const SlotsView& slots, std::uint32_t first_slot,
                        DeviceList<LeafRecord> records, const std::uint32_t* missed, std::uint32_t scan_number,

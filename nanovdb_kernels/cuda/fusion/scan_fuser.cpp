@@ -30,7 +30,7 @@ constexpr std::size_t kValues = 512, kCleared = 16, kVotes = 48;
 constexpr std::uint64_t kSlotBytes = (kValues + kCleared + 3) * sizeof(std::uint32_t);  ///< with what says whose it is
 /// Slots are added so many at a time, and values come from the host.
 constexpr std::uint32_t kSlotsAtATime = 4096;
-constexpr std::size_t kRecordsAtATime = 4096;
+constexpr std::size_t kRecordsAtATime = 4096, kNamedAtATime = std::size_t{1} << 18;
 constexpr std::uint32_t kMostSlots = FusedLeaf::kFresh - 1;
 /// Beyond the region of a return, in voxels: bounds of regions are rounded up.
 constexpr float kRegionMargin = 16;
@@ -81,6 +81,30 @@ class Implementation final : public DeviceScanFuser {
         owner_(context_),
         stamp_(context_),
         votes_(context_) {}
+
+  void begin(const GridSpace& space, std::span<const Origin> with_values, std::span<const VotesRecord> votes) override {
+    const CurrentDevice current(context_->device());
+    // Another fuser may have written to the grid before.
+    launchForgetSlots(grid_, space.uppers, stream());
+    while (!with_values.empty()) {
+      const std::size_t count = std::min(with_values.size(), kNamedAtATime);
+      launchNoteOnHost(grid_, asked_.send(with_values.first(count), memory_, stream()), stream());
+      with_values = with_values.subspan(count);
+    }
+    if (votes.size() > kMostSlots - kSlotsAtATime) requireNumbers(kMostSlots);
+    const auto slots = static_cast<std::uint32_t>(votes.size());
+    vote_slots_.growFree(roundedSlots(slots));
+    votes_.grow(roundedSlots(slots) * kVotes);
+    Staging<VotesRecord> records;
+    while (!votes.empty()) {
+      const std::size_t count = std::min(votes.size(), kRecordsAtATime);
+      launchTakeVotes(grid_, records.send(votes.first(count), memory_, stream()), votes_.data(), vote_slots_.count(),
+                      stream());
+      vote_slots_.take(static_cast<std::uint32_t>(count));
+      votes = votes.subspan(count);
+    }
+    ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+  }
 
   FusedScan fuse(std::span<const ReturnRay> rays, std::uint32_t balls, const GridSpace& space, const Reserve& reserve,
                  FollowingMap& host) override {
@@ -212,14 +236,14 @@ class Implementation final : public DeviceScanFuser {
     const RegionConstants& region = setting_.region;
     // No less than there are: leaves of the cube around a return, and of each layer along its ray.
     const auto cubeOf = [](float voxels) { return std::pow(static_cast<double>(voxels) / 8 + 3, 3); };
-    const double across = std::pow(static_cast<double>(region.band_radius) / 2 + 4, 2) + 3;
-    double pairs = 0;
+    const double across = std::pow(static_cast<double>(region.band_radius) / 2 + 4, 2) + 3,
+                 of_return = cubeOf(2 * region.tau);
+    double pairs = balls * cubeOf(2 * region.ball_radius);
     for (std::size_t n = 0; n < rays.size(); ++n) {
       const ReturnRay& ray = rays[n];
       const bool is_ball = n >= rays.size() - balls;
       const float length = is_ball ? 0 : std::min(std::max(region.band_end, region.line_end), ray.range);
-      pairs += is_ball ? cubeOf(2 * region.ball_radius)
-                       : cubeOf(2 * region.tau) + (static_cast<double>(length) / 8 + 3) * across;
+      if (!is_ball) pairs += of_return + (static_cast<double>(length) / 8 + 3) * across;
       const float around = is_ball ? region.ball_radius : std::max(region.tau, region.band_radius);
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const double end = static_cast<double>(length) * static_cast<double>(ray.to_sensor[axis]);

@@ -71,6 +71,7 @@ Removal removeRegion(FieldStages& field, const Region& region, RemovedAs as) {
     for (const LeafChange& change : changes) removal.flipped_voxels += flippedVoxels(change);
     field.mirrors.takeRemoved(changes, free);
     scoreAllAgain(field);
+    field.leadAgain();
   });
   return removal;
 }

@@ -72,6 +72,7 @@ void restoreState(FieldStages& field, StateReader& state) {
   field.left_out.restore(state, field.mirrors);
   const bool scored = restoreLabels(field, state);
   if (!scored) field.scheduler->noteRestored();
+  field.leadAgain();
   field.labels.scans = head.scans;
   field.clock = FieldClock(head.latest_stamp_s);
   if (field.map.agesFreeSpace()) field.map.generations()->restoreAge(head.age_s);

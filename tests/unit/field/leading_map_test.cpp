@@ -70,6 +70,11 @@ class PretendedFuser final : public kernels::ScanFuser {
  public:
   explicit PretendedFuser(const std::vector<LedScan>& scans) : scans_(scans) {}
 
+  void begin(const kernels::GridSpace&, std::span<const Origin> with_values,
+             std::span<const kernels::VotesRecord> votes) override {
+    begun.with_values.assign(with_values.begin(), with_values.end());
+    begun.votes.assign(votes.begin(), votes.end());
+  }
   kernels::FusedScan fuse(std::span<const kernels::ReturnRay> rays, std::uint32_t, const kernels::GridSpace& space,
                           const Reserve& reserve, FollowingMap& host) override {
     if (act) act(host);
@@ -103,6 +108,7 @@ class PretendedFuser final : public kernels::ScanFuser {
   std::uint64_t bytes() const override { return 1; }
 
   std::function<void(FollowingMap& host)> act;  ///< before a scan is fused
+  HeldByMap begun;                              ///< what the map held before
   bool diverges = false, weights_fail = false;
 
  private:
@@ -169,6 +175,48 @@ TEST_F(LeadingMapTest, TheHostGetsEveryScanAndTheMirrorEveryNode) {
   EXPECT_EQ(facts_.leafCount(), host_->map.leaf_count);
   EXPECT_TRUE(lead_->leads());
   EXPECT_TRUE(lead_->pays());
+}
+
+/// Oracle: each leaf of the map by itself.
+TEST_F(LeadingMapTest, BeginsWithWhatTheMapHolds) {
+  EXPECT_TRUE(fuser_->begun.with_values.empty());
+  lead_.reset();
+  OneMap before;
+  before.map.blockNewThings(0.06f);
+  for (const LedScan& scan : scans_) before.integrator.integrate(scan.p_L, scan.q_L);
+  for (int n = 0; n < 3; ++n) {  // something stands where nothing was
+    LedScan closer = scans_[0];
+    for (Eigen::Vector3f& p_L : closer.p_L) p_L.z() += 0.2f;
+    before.integrator.integrate(closer.p_L, closer.q_L);
+  }
+  auto fuser = std::make_unique<PretendedFuser>(scans_);
+  const HeldByMap& begun = (fuser_ = fuser.get())->begun;
+  lead_ = std::make_unique<LeadingMap>(std::move(fuser), before.map, before.integrator, facts_, smallMap());
+  const std::set<Origin> with_values(begun.with_values.begin(), begun.with_values.end());
+  EXPECT_EQ(with_values.size(), begun.with_values.size());
+  std::size_t without = 0, voted = 0;
+  for (auto leaf = before.map.tree().cbeginLeaf(); leaf; ++leaf) {
+    const openvdb::Coord& ijk = leaf->origin();
+    const Origin origin = {ijk.x(), ijk.y(), ijk.z()};
+    EXPECT_EQ(with_values.contains(origin), static_cast<bool>(LeafValues(*leaf)));
+    without += with_values.contains(origin) ? 0 : 1;
+    const VoxelVotes* const votes = before.map.votesOf(*leaf);
+    const auto told = std::ranges::find(begun.votes, origin, &kernels::VotesRecord::origin_ijk);
+    ASSERT_EQ(told != begun.votes.end(), votes != nullptr);
+    if (votes == nullptr) continue;
+    ++voted;
+    for (std::size_t voxel = 0; voxel < 512; ++voxel) {
+      for (std::size_t bit = 0; bit < 3; ++bit) {
+        EXPECT_EQ(told->votes[16 * bit + voxel / 32] >> voxel % 32 & 1u,
+                  votes->bit[bit][voxel / 64] >> voxel % 64 & 1u);
+      }
+    }
+  }
+  EXPECT_GT(with_values.size(), 100u);
+  EXPECT_GT(without, 10u);
+  EXPECT_GT(voted, 5u);
+  EXPECT_EQ(voted, begun.votes.size());
+  lead_.reset();
 }
 
 TEST_F(LeadingMapTest, NoRoomLeavesTheScanToTheHost) {
