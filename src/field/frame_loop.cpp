@@ -81,16 +81,26 @@ void beginScan(FieldStages& field, ScanUnderWay& under_way, double passed_s) {
   const GatedScan& scan = *under_way.scan;
   const auto add_points = [&] {
     field.steps.waitForMap();
-    field.points.describeTouched(field.scheduler->needs().deltas);
+    const bool describes = field.scheduler->needs().deltas;
+    field.points.describeTouched(describes);
     const GatedScan& placed = field.left_out.placed(scan, under_way.stats);
     under_way.placed = &placed;
-    under_way.touched = &field.points.addReturns(placed.p_L, placed.q_L, placed.attributes);
+    under_way.touched = &field.points.placeReturns(placed.p_L, placed.q_L);
+    const auto sum = [&] { field.points.sumReturns(placed.p_L, placed.q_L, placed.attributes); };
+    if (describes) {
+      runBeside(sum, [&] { field.scheduler->noteBlocks(under_way.touched->changed_blocks); });
+    } else {
+      sum();
+    }
   };
   // What is news is judged before free space ages.
   const auto bin_and_age = [&] {
     if (field.leads()) {
       field.lead->prepare(scan.p_L, scan.q_L);
-      if (!field.steps.mayUpdate()) fuseAhead(field, under_way);  // nobody reads the mirror
+      if (!field.steps.mayUpdate()) {  // nobody reads the mirror
+        fuseAhead(field, under_way);
+        if (under_way.ahead) field.scheduler->prepareFlips(field.mirrors.grid());
+      }
     } else {
       field.integrator.bin(scan.p_L, scan.q_L);
     }

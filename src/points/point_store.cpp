@@ -137,9 +137,8 @@ void PointStore::prefetch(std::uint32_t id) const {
 
 const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                             std::span<const std::int32_t> attributes) {
-  const std::uint32_t before = size();
-  const TouchedPoints& touched = addReturns(p_L, q_L);
-  if (attributes_.columns() > 0) addAttributes(p_L, q_L, attributes, before);
+  const TouchedPoints& touched = placeReturns(p_L, q_L);
+  sumReturns(p_L, q_L, attributes);
   return touched;
 }
 
@@ -169,12 +168,29 @@ void PointStore::addAttributes(std::span<const Eigen::Vector3f> p_L, std::span<c
 
 const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L,
                                             std::span<const Eigen::Vector3f> q_L) {
-  TouchedPoints& touched = touched_;
+  const TouchedPoints& touched = placeReturns(p_L, q_L);
+  sumReturns(p_L, q_L);
+  return touched;
+}
+
+const TouchedPoints& PointStore::placeReturns(std::span<const Eigen::Vector3f> p_L,
+                                              std::span<const Eigen::Vector3f> q_L) {
   group(p_L, q_L);
-  const ReturnGroups& groups = groups_;
-  const std::uint32_t before = size();
   addNew();
   makeRoom();
+  return touched_;
+}
+
+void PointStore::sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                            std::span<const std::int32_t> attributes) {
+  sumReturns(p_L, q_L);
+  if (attributes_.columns() > 0) addAttributes(p_L, q_L, attributes, firstNew());
+}
+
+void PointStore::sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  TouchedPoints& touched = touched_;
+  const ReturnGroups& groups = groups_;
+  const std::uint32_t before = firstNew();
   touched.before_L.resize(groups.size());
   touched.views_changed.assign(groups.size(), 0);
   touched.deltas.resize(describe_touched_ ? groups.size() : 0);
@@ -199,7 +215,6 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
       }
     });
   });
-  return touched;
 }
 
 void PointStore::addToSums(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) {

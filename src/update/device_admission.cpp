@@ -14,12 +14,13 @@
 
 #include "accessvdb/error.h"
 #include "points/neighbourhood.h"
+#include "update/run_beside.h"
 
 namespace accessvdb::internal {
 namespace {
 
 /// Most points and blocks handed over at a time.
-constexpr std::size_t kMostDeltas = 1 << 16, kMostBlocks = 1 << 14;
+constexpr std::size_t kMostDeltas = 1 << 16, kMostBlocks = 1 << 15;
 
 }  // namespace
 
@@ -73,6 +74,12 @@ DeviceAdmission::DeviceAdmission(std::vector<PointScorer*> scorers, kernels::Poi
   }
 }
 
+void DeviceAdmission::describeBlocks(std::span<const std::uint32_t> changed) {
+  if (!isNextFirst() || changed.size() > kMostBlocks) return;
+  blocks_.deltas(changed, scorer_.points().index().blocks(), block_deltas_, block_ids_);
+  blocks_described_ = true;
+}
+
 bool DeviceAdmission::handOver(const TouchedPoints& touched) {
   if (++scans_ != 1) return false;
   if (touched.deltas.size() != touched.all.size()) {
@@ -88,7 +95,9 @@ bool DeviceAdmission::handOver(const TouchedPoints& touched) {
 }
 
 void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
-                                  std::span<const Eigen::Vector3f> q_L) {
+                                  std::span<const Eigen::Vector3f> q_L, bool is_in_map) {
+  if (is_in_map) readWeightsOf(touched.all, weights_);
+  has_weights_ = is_in_map;
   for (std::size_t n = 0; n < touched.all.size(); ++n) {
     const std::uint32_t id = touched.all[n];
     if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or its older position is already stored
@@ -129,9 +138,12 @@ void DeviceAdmission::admit(const HandOver& hand_over) {
 }
 
 void DeviceAdmission::admitBlocks(std::span<const std::uint32_t> changed) {
+  bool is_described = std::exchange(blocks_described_, false);  // the first part, which is all
   for (std::size_t first = 0; first < changed.size(); first += kMostBlocks) {
     const std::size_t count = std::min(changed.size() - first, kMostBlocks);
-    blocks_.deltas(changed.subspan(first, count), scorer_.points().index().blocks(), block_deltas_, block_ids_);
+    if (!std::exchange(is_described, false)) {
+      blocks_.deltas(changed.subspan(first, count), scorer_.points().index().blocks(), block_deltas_, block_ids_);
+    }
     kernels::AdmitInput part = input();
     part.blocks = block_deltas_;
     part.block_ids = block_ids_;
@@ -186,8 +198,11 @@ void DeviceAdmission::admitAll() {
 
 void DeviceAdmission::readWeights() {
   crossed_.clear();
-  findCrossed();
-  readWeightsOf(ids_, weights_);
+  if (std::exchange(has_weights_, false)) {
+    findCrossed();
+  } else {
+    runBeside([&] { findCrossed(); }, [&] { readWeightsOf(ids_, weights_); });
+  }
   takeConfident();
 }
 
@@ -210,16 +225,16 @@ kernels::AdmitInput DeviceAdmission::input() {
   return all;
 }
 
-/// Adds new points that are confident immediately to those that became confident.
+/// Adds new points that are confident immediately to those that became confident, which are older. New ones are in
+/// order: ids_ names them so.
 void DeviceAdmission::takeConfident() {
   for (std::size_t n = 0; n < ids_.size(); ++n) {
     if (ids_[n] >= known_points_ && weights_[n].weight >= least_weight_) crossed_.push_back(weights_[n]);
   }
-  tbb::parallel_sort(crossed_.begin(), crossed_.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
 }
 
-/// Finds older points that became confident. Weights only grow, so it checks only fresh points, and only those that
-/// scans reached since the last update.
+/// Finds older points that became confident, and orders them. Weights only grow, so it checks only fresh points, and
+/// only those that scans reached since the last update.
 void DeviceAdmission::findCrossed() {
   fresh_.takeReached(reached_);
   std::vector<std::uint16_t> weights(reached_.voxels.size());
@@ -236,6 +251,7 @@ void DeviceAdmission::findCrossed() {
     }
   });
   fresh_.remove(reached_, entries);
+  tbb::parallel_sort(crossed_.begin(), crossed_.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
 }
 
 void DeviceAdmission::noteWaiting(kernels::UpdateOutcome& outcome) {

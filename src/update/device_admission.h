@@ -43,23 +43,35 @@ class DeviceAdmission {
   DeviceAdmission(std::vector<PointScorer*> scorers, kernels::PointAdmission& updater, int group_log2);
 
   /// Whether noteReturns() needs the next scan described (PointStore::describeTouched).
-  [[nodiscard]] bool takesDeltas() const { return scans_ == 0; }
+  [[nodiscard]] bool takesDeltas() const { return isNextFirst(); }
+  /// Prepares handOver(). @param changed  TouchedPoints::changed_blocks of the next scan
+  void describeBlocks(std::span<const std::uint32_t> changed);
   /// Call when a scan's returns are in the store. Hands over those of the first scan since the last update, so that the
   /// backend can begin. If another scan comes before the update, that work is wasted: everything is handed over again.
   /// @return whether they were handed over
   bool handOver(const TouchedPoints& touched);
-  /// Call next, for every scan: notes which points it touched and which leaves it reached.
+  /// Call for every scan, also concurrently with handOver(): notes which points it touched and which leaves it reached.
+  /// @param is_in_map  whether the map has the scan already; if so, and no other comes before the update, the weights
+  /// of
+  ///   the points that it touched are read at once, before the backend is busy
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
-                   std::span<const Eigen::Vector3f> q_L);
+                   std::span<const Eigen::Vector3f> q_L, bool is_in_map);
+  /// Call when the map changed without a scan.
+  void forgetWeights() { has_weights_ = false; }
   /// Call when all points came at once, without a scan: they are handed over with the next update.
-  void noteRestored() { scans_ = 2; }
+  void noteRestored() {
+    scans_ = 2;
+    has_weights_ = false;
+  }
+  /// Whether the next scan is the first one since the last update.
+  [[nodiscard]] bool isNextFirst() const { return scans_ == 0; }
   /// Whether the backend already has the points in their current state.
   [[nodiscard]] bool isAhead() const { return scans_ == 1; }
   /// Call before an update: makes room for the state of all points.
   void growState();
   /// Call next: hands over what has not been handed over yet.
   void complete();
-  /// Call next: reads the map's weights of the points, concurrently with backend work that does not need them.
+  /// Call next: reads the map's weights of points, concurrently with backend work that does not need them.
   void readWeights();
   /// What was read, for the backend's update; valid until the next readWeights().
   [[nodiscard]] kernels::ConfidenceDelta confidence() const { return {weights_, crossed_}; }
@@ -101,12 +113,14 @@ class DeviceAdmission {
   int scans_ = 0;                              ///< since the last update
   std::vector<std::uint32_t> ids_;             ///< new or touched since the last update
   std::vector<kernels::PointWeight> weights_;  ///< per entry of ids_
+  bool has_weights_ = false;                   ///< they are those of the map
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
   std::vector<std::uint16_t> read_weights_;    ///< used by readWeightsOf()
   std::vector<kernels::PointDelta> deltas_;
   std::vector<std::uint32_t> returns_;  ///< of the points that are handed over, if they compete
   std::vector<kernels::BlockDelta> block_deltas_;
   std::vector<std::uint32_t> block_ids_;
+  bool blocks_described_ = false;                ///< both are those of the next scan
   std::vector<kernels::PointStateView> states_;  ///< of scorers_
 };
 

@@ -5,6 +5,7 @@
 /// the results equal those of exact_on_host.cpp. All this is the same for tools that are tried in the same directions,
 /// so that one scheduler serves them.
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
@@ -47,12 +48,17 @@ class ExactOnDevice final : public UpdateScheduler {
         takes_voxels_(updater_->takesVoxels()),
         admission_(scorersOf(tools), *updater_, group_log2) {}
 
+  void noteBlocks(std::span<const std::uint32_t> changed) override { admission_.describeBlocks(changed); }
+
   // The backend finds neighbours while the map integrates the scan.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L) override {
-    flips_begun_ = false;
-    if (admission_.handOver(touched)) updater_->findNeighbours();
-    admission_.noteReturns(touched, p_L, q_L);
+    flips_begun_ = std::exchange(flips_begun_ahead_, false);
+    const auto hand_over = [&] {
+      if (admission_.handOver(touched)) updater_->findNeighbours();
+    };
+    const bool is_in_map = flips_begun_;  // a device that leads has fused it
+    runBeside(hand_over, [&] { admission_.noteReturns(touched, p_L, q_L, is_in_map); });
   }
 
   Needs needs() const override { return {.deltas = admission_.takesDeltas(), .changes = true}; }
@@ -68,6 +74,7 @@ class ExactOnDevice final : public UpdateScheduler {
     }
     // Flips of a device and of the host are not handed over together.
     if (fuser_ != nullptr && (waitingOnDevice() > kMostFlips || (waiting() > 0 && waitingOnDevice() > 0))) {
+      flips_begun_ = false;
       flips_[0].beginVoxelsAt(0);
       flips_[0].takeFrom(*fuser_);
     }
@@ -76,7 +83,8 @@ class ExactOnDevice final : public UpdateScheduler {
 
   // As if another scan had come: all flips are handed over again.
   void noteChangesAlone(std::span<const std::span<const LeafChange>> facts) override {
-    flips_begun_ = false;
+    flips_begun_ = flips_begun_ahead_ = false;
+    admission_.forgetWeights();
     noteEachList(facts);
     noteChanges({}, {}, {});
   }
@@ -85,9 +93,17 @@ class ExactOnDevice final : public UpdateScheduler {
 
   // If another scan comes before the update, all flips are handed over again.
   void prepare(const kernels::OccupancyGrid* mirror) override {
-    if (!admission_.isAhead()) return;
+    if (!admission_.isAhead() || flips_begun_) return;
     begin(mirror);
     flips_begun_ = true;
+  }
+
+  // What flips mean is found from points that had a state before: those of the scan are not needed.
+  void prepareFlips(const kernels::OccupancyGrid* mirror) override {
+    if (!notes_flips_ || !anything_scored_) return;  // then noteChanges() clears them
+    if (!admission_.isNextFirst() || waiting() > 0 || waitingOnDevice() > kMostFlips) return;
+    begin(mirror);
+    flips_begun_ahead_ = true;
   }
 
   UpdateStats update(const kernels::OccupancyGrid* mirror, int budget_points) override {
@@ -97,15 +113,21 @@ class ExactOnDevice final : public UpdateScheduler {
     admission_.growState();
     admission_.complete();
     const kernels::ScoringInput input = inputs_.of(mirror, budget_points);
-    const auto read_host = [&] {
-      admission_.readWeights();
+    runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
+    const auto release_host = [&] {
       admission_.know();
       clearFlips();
       notes_flips_ = true;
       releaseMap();  // from here on the next scan may come, and note its flips
     };
-    runBeside([&] { updater_->choose(input); }, read_host);
-    kernels::UpdateOutcome outcome = updater_->update(input, admission_.confidence());
+    kernels::UpdateOutcome outcome;
+    const auto search = [&] { outcome = updater_->update(input, admission_.confidence()); };
+    if (tbb::this_task_arena::max_concurrency() > 1) {
+      runBeside(search, release_host);
+    } else {  // the next scan need not wait for the device
+      release_host();
+      search();
+    }
     admission_.noteWaiting(outcome);
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
     return statsOf(outcome);
@@ -114,7 +136,8 @@ class ExactOnDevice final : public UpdateScheduler {
   bool takesFlipsOnDevice() const override { return true; }
   void takeFlipsOf(kernels::ScanFuser* fuser) override {
     if (fuser == nullptr && fuser_ != nullptr) {
-      flips_begun_ = false;
+      flips_begun_ = flips_begun_ahead_ = false;
+      admission_.forgetWeights();
       flips_[0].beginVoxelsAt(0);
       flips_[0].takeFrom(*fuser_);
       if (!notes_flips_) clearFlips();
@@ -172,7 +195,8 @@ class ExactOnDevice final : public UpdateScheduler {
   kernels::ScanFuser* fuser_ = nullptr;  ///< has the flips of scans, if a device leads
   bool anything_scored_ = false;
   bool notes_flips_ = false;                    ///< an update has scored something, or may be doing so
-  bool flips_begun_ = false;                    ///< prepare() was called since the last scan
+  bool flips_begun_ = false;                    ///< the backend has begun with all flips
+  bool flips_begun_ahead_ = false;              ///< and with those of a scan that is not noted yet
   std::array<WaitingFlips, kMostLists> flips_;  ///< since the last update, by list
   std::size_t joined_ = 0;                      ///< how many were waiting after the last merge
 };

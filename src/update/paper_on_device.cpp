@@ -28,7 +28,7 @@ class PaperOnDevice final : public UpdateScheduler {
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L) override {
     admission_.handOver(touched);
-    admission_.noteReturns(touched, p_L, q_L);
+    admission_.noteReturns(touched, p_L, q_L, false);
   }
 
   Needs needs() const override { return {.deltas = admission_.takesDeltas(), .distances = true}; }

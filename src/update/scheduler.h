@@ -39,6 +39,9 @@ class UpdateScheduler {
 
   [[nodiscard]] virtual Needs needs() const { return {}; }
 
+  /// Call when the store has placed the returns of a scan, while it sums them up; only if needs().deltas.
+  /// @param changed  TouchedPoints::changed_blocks
+  virtual void noteBlocks(std::span<const std::uint32_t> /*changed*/) {}
   /// Call when one scan's returns are in the store. The map may still be integrating them, so this must not read it.
   /// The points' backend may begin to work on them.
   /// @param p_L  [n] returns  @param q_L  [n] or [1] sensor positions
@@ -75,6 +78,9 @@ class UpdateScheduler {
   /// Lets the backend begin with the noted changes; the mirror may not have them yet. After noteChanges(), at most once
   /// per scan; if not called, update() does this. @param mirror  in the backend's memory, the same as for update()
   virtual void prepare(const kernels::OccupancyGrid* /*mirror*/) {}
+  /// The same with what flipped on a device that fuses (takeFlipsOf), before noteReturns(), while the scan's returns
+  /// come to the store. prepare() is called nevertheless.
+  virtual void prepareFlips(const kernels::OccupancyGrid* /*mirror*/) {}
 
   /// Whether it may read what flipped from a device that fuses.
   [[nodiscard]] virtual bool takesFlipsOnDevice() const { return false; }

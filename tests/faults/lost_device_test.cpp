@@ -113,9 +113,9 @@ TEST_F(LostDevice, WhileRemovingIsSaidAndSavesToo) {
 }
 
 TEST_F(LostDevice, FramesOfASequenceStay) {
-  // Each update waits for an event twice: for what moved, and for the map of busy leaves. On a fake device no point is
-  // ever due, so there is no search.
-  const ProgramResult result = runWith("5 719 cudaStreamWaitEvent lost", {"--device", "cuda", "--sequence", "1"});
+  // Each update waits for an event four times: for flips and points, and for what follows from the flips; for what
+  // moved, and for the map of busy leaves. On a fake device no point is ever due, so there is no search.
+  const ProgramResult result = runWith("9 719 cudaStreamWaitEvent lost", {"--device", "cuda", "--sequence", "1"});
   EXPECT_EQ(result.exit_code, 6) << result.err;
   const std::vector<std::string> files = listing("out");
   EXPECT_NE(std::find(files.begin(), files.end(), "field_0002.vdb"), files.end());

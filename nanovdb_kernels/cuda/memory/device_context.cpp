@@ -67,7 +67,9 @@ DeviceContext::DeviceContext(std::uint64_t memory_limit_bytes) : limit_bytes_(me
   ACCESSVDB_CUDA(cudaGetDevice(&device_));  // the caller's current device, else the first
   try {
     describeDevice();
-    ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
+    for (cudaStream_t* stream : {&stream_, &beside_stream_}) {
+      ACCESSVDB_CUDA(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking));
+    }
     int least = 0, greatest = 0;
     ACCESSVDB_CUDA(cudaDeviceGetStreamPriorityRange(&least, &greatest));
     ACCESSVDB_CUDA(cudaStreamCreateWithPriority(&priority_stream_, cudaStreamNonBlocking, greatest));
@@ -85,8 +87,9 @@ DeviceContext::~DeviceContext() { closeStreams(); }
 
 void DeviceContext::closeStreams() noexcept {
   if (mirror_ready_ != nullptr) (void)cudaEventDestroy(mirror_ready_);
-  if (priority_stream_ != nullptr) (void)cudaStreamDestroy(priority_stream_);
-  if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
+  for (cudaStream_t stream : {priority_stream_, beside_stream_, stream_}) {
+    if (stream != nullptr) (void)cudaStreamDestroy(stream);
+  }
 }
 
 void DeviceContext::describeDevice() {

@@ -41,6 +41,8 @@ class DeviceContext {
   [[nodiscard]] cudaStream_t stream() const { return stream_; }  ///< for all other work
   /// For mirror writes, work that needs only the mirror, and long searches. Has priority over stream().
   [[nodiscard]] cudaStream_t priorityStream() const { return priority_stream_; }
+  /// For work that leaves part of the device to stream(), and is joined with it by events.
+  [[nodiscard]] cudaStream_t besideStream() const { return beside_stream_; }
   [[nodiscard]] cudaEvent_t mirrorReady() const { return mirror_ready_; }  ///< recorded after the last flush
 
   /// @throw ResourceLimit
@@ -65,7 +67,7 @@ class DeviceContext {
   int shared_bytes_per_block_ = 0, multiprocessors_ = 1;
   std::string name_;
   std::uint64_t limit_bytes_;
-  cudaStream_t stream_ = nullptr, priority_stream_ = nullptr;
+  cudaStream_t stream_ = nullptr, priority_stream_ = nullptr, beside_stream_ = nullptr;
   cudaEvent_t mirror_ready_ = nullptr;
   mutable std::mutex mutex_;
   std::uint64_t bytes_ = 0, peak_bytes_ = 0, pinned_bytes_ = 0, allocations_ = 0;

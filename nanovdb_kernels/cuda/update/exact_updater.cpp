@@ -54,6 +54,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     forEachTool(input, [&](ToolUpdate& tool, const ToolInput& own) {
       tool.takeFlips(own, points, any ? &by_place : nullptr, input.map.inverse_voxel_size);
     });
+    ACCESSVDB_CUDA(cudaEventRecord(may_follow_.get(), stream()));
   }
 
   [[nodiscard]] bool takesVoxels() const override {
@@ -73,6 +74,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     for (std::size_t k = 1; k < tools_.size(); ++k) {
       launchAdmitStates(input.states[k], tools_[k]->known(), deltas, stream());
     }
+    ACCESSVDB_CUDA(cudaEventRecord(may_follow_.get(), stream()));
   }
 
   void findNeighbours() override {
@@ -88,6 +90,9 @@ class DeviceExactUpdater final : public ExactUpdater {
   void choose(const ScoringInput& input) override {
     const CurrentDevice current(context_->device());
     points_.setState(input.tools.front().points);
+    forEachTool(input, [&](ToolUpdate& tool, const ToolInput& own) {
+      tool.follow(own, points_.view(), input.map.inverse_voxel_size, may_follow_.get());
+    });
     if (!neighbours_begun_) {
       neighbours_begun_ = true;
       moved_.find(points_.view(), points_.competition(), stream());
@@ -235,6 +240,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   std::shared_ptr<DeviceContext> context_;
   CountedMemory memory_;
   OwnedEvent moved_found_{cudaEventDisableTiming}, busy_made_{cudaEventDisableTiming};
+  OwnedEvent may_follow_{cudaEventDisableTiming};          ///< flips and points are there
   std::vector<std::unique_ptr<DeviceCounters>> counters_;  ///< per tool; the first also counts what all tools share
   PointTables points_;
   MovedTables moved_;

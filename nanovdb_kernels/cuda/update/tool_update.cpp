@@ -46,18 +46,25 @@ void ToolUpdate::takeFlips(const ToolInput& input, const PointsView& points, con
   masks_.make(context, points.num_points, *flips, stream());
 }
 
+void ToolUpdate::follow(const ToolInput& input, const PointsView& points, float inverse_voxel_size, cudaEvent_t ready) {
+  const cudaStream_t beside = context_->besideStream();
+  ACCESSVDB_CUDA(cudaStreamWaitEvent(beside, ready));
+  masks_.addGroups(points.groups.groups, beside);
+  known_.beginUpdate(points.num_points, beside);
+  if (flips_ && known_.follows()) {
+    PointsView own = points;
+    own.points = input.points;
+    launchFollowFlips({own, known_.view(), known_.arcs(), *flips_, masks_.masks(), inverse_voxel_size}, beside);
+  }
+  ACCESSVDB_CUDA(cudaEventRecord(followed_.get(), beside));
+}
+
 void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
+  ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), followed_.get()));
   setting_ = setting;
   setting_.points.points = input.points;
   evaluation_ = {input.approach, input.rule, known_.view()};
   const std::uint32_t num_points = setting_.points.num_points;
-  masks_.addGroups(setting_.points.groups.groups, stream());
-  known_.beginUpdate(num_points, stream());
-  if (flips_ && known_.follows()) {
-    launchFollowFlips(
-        {setting_.points, known_.view(), known_.arcs(), *flips_, masks_.masks(), setting_.map.inverse_voxel_size},
-        stream());
-  }
   waits_ = setting_.budget_points > 0 || queue_.size() > 0;
   if (waits_) queue_.grow(num_points, stream());
   due_.setWaiting(waits_ ? queue_.flags() : nullptr);

@@ -41,6 +41,9 @@ class ToolUpdate {
   /// Finds out what flips mean, and ages what is known. @param flips  null: there are none
   void takeFlips(const ToolInput& input, const PointsView& points, const FlipsView* flips, float inverse_voxel_size);
 
+  /// Lets what is known follow the flips, beside what the stream still does. Once per update, before choose().
+  /// @param ready  recorded once flips and points are there
+  void follow(const ToolInput& input, const PointsView& points, float inverse_voxel_size, cudaEvent_t ready);
   /// What its tools share of an update.
   struct Setting {
     PointsView points;
@@ -49,7 +52,7 @@ class ToolUpdate {
     std::uint32_t budget_points = 0;
     const std::uint32_t* changed_bits = nullptr;  ///< from launchStoreNeighbours
   };
-  /// Sets what the rest of this update reads, and lets what is known follow the flips. Once per update.
+  /// Sets what the rest of this update reads. Once per update.
   void choose(const ToolInput& input, const Setting& setting);
   /// Lists what is due at some moved points, at most kMovedChunk. @param before  from launchStoreNeighbours
   void takeMoved(const PointChunk& part, const FoundNeighbourhood* before);
@@ -77,6 +80,7 @@ class ToolUpdate {
   std::shared_ptr<DeviceContext> context_;
   DeviceCounters& counters_;
   OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< for the search
+  OwnedEvent followed_{cudaEventDisableTiming};
   FootprintTable footprint_;
   KnownTables known_;
   GroupMaskTable masks_;

@@ -43,6 +43,8 @@ struct Told {
   bool neighbours_begun = false;
   bool begun_before_update = false;
   int delta_calls = 0, block_parts = 0;  ///< hand-overs so far
+  int begins = 0;                        ///< so far, and how many leaves a device had flips of the last time
+  std::uint32_t on_device = 0;
   std::map<Index3, LeafFacts> flips;
   std::vector<std::uint32_t> slots;  ///< ids
   struct Block {
@@ -56,6 +58,8 @@ class Listener final : public kernels::ExactUpdater {
  public:
   explicit Listener(Told& told) : told_(told) {}
   void begin(const kernels::ScoringInput&, const kernels::FlipLists& lists) override {
+    ++told_.begins;
+    told_.on_device = lists.on_device.count;
     told_.flips.clear();
     std::vector<std::uint16_t> voxels;
     for (const std::span<const std::uint16_t>& part : lists.voxels)
@@ -208,7 +212,9 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       }
       const IntegrationResult result = integrator.integrate(p, q);
       points.describeTouched(scheduler->needs().deltas);
-      const TouchedPoints touched = points.addReturns(p, q);
+      const TouchedPoints& touched = points.placeReturns(p, q);
+      if (c.ahead && scheduler->needs().deltas) scheduler->noteBlocks(touched.changed_blocks);
+      points.sumReturns(p, q, {});
       for (const Eigen::Vector3f& return_L : p) ++returns_of[points.voxelOf(return_L)];
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
@@ -312,6 +318,134 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   }
 }
 
+/// Has fused something, nobody needs to know what.
+class FlippedElsewhere final : public kernels::ScanFuser {
+ public:
+  void begin(const kernels::GridSpace&, std::span<const kernels::GridGrowth::Origin>,
+             std::span<const kernels::VotesRecord>) override {}
+  kernels::FusedScan fuse(std::span<const kernels::ReturnRay>, std::uint32_t, const kernels::GridSpace&, const Reserve&,
+                          kernels::FollowingMap&) override {
+    return {};
+  }
+  void readWeights(std::span<const kernels::GridGrowth::Origin>, int, std::span<std::uint16_t>,
+                   kernels::FollowingMap&) override {}
+  kernels::FlipsOnDevice flips() const override { return {nullptr, leaves, nullptr, 0}; }
+  void takeFlips(std::vector<kernels::LeafFlips>&, std::vector<std::uint16_t>&) override { clearFlips(); }
+  void clearFlips() override { leaves = 0; }
+  std::uint64_t bytes() const override { return 0; }
+
+  std::uint32_t leaves = 0;
+};
+
+/// A device that leads has fused a scan before its returns are in the store.
+class HostBehind {
+ public:
+  HostBehind() {
+    map_.setCollisionDistance(static_cast<float>(params_.scoring.collision_distance_m));
+    scheduler_ = makeScheduler(std::array{setup_.scheduledFor(scorer_)});
+    scheduler_->takeFlipsOf(&fuser_);
+    scan();
+    scheduler_->update(nullptr, 0);
+    told_.begins = 0;
+  }
+  /// A scan of the map alone.
+  void fuse() {
+    p_.clear();
+    for (int n = 0; n < 200; ++n) p_.push_back(random_.point(0.5));
+    q_ = {random_.point(0.5) + Eigen::Vector3f(0, 0, 4)};
+    integrator_.integrate(p_, q_);
+    fuser_.leaves += 7;
+  }
+  void scan() {
+    fuse();
+    scanAgain();
+  }
+  /// The same returns once more, which need no new points.
+  void scanAgain() {
+    scheduler_->prepareFlips(nullptr);
+    const bool describes = scheduler_->needs().deltas;
+    points_.describeTouched(describes);
+    const TouchedPoints& touched = points_.placeReturns(p_, q_);
+    if (describes) scheduler_->noteBlocks(touched.changed_blocks);
+    points_.sumReturns(p_, q_, {});
+    scheduler_->noteReturns(touched, p_, q_);
+    scheduler_->noteChanges(p_, q_, {});
+    scheduler_->prepare(nullptr);
+  }
+  [[nodiscard]] int begins() const { return told_.begins; }
+  [[nodiscard]] UpdateScheduler& scheduler() { return *scheduler_; }
+  /// @param begins  since the last update
+  void expectAfterUpdate(int begins, std::uint32_t on_device) {
+    scheduler_->update(nullptr, 0);
+    EXPECT_EQ(std::exchange(told_.begins, 0), begins);
+    EXPECT_EQ(told_.on_device, on_device);
+    EXPECT_EQ(fuser_.leaves, 0u);
+    EXPECT_GT(told_.weights.size(), 100u);
+    for (const kernels::PointWeight& point : told_.weights) {
+      EXPECT_EQ(point.weight, weightAt(map_, points_.voxelOf(points_.first_L(point.id)), 1));
+    }
+    expectDeviceIndex(points_.index(), told_);
+  }
+
+ private:
+  FieldParams params_ = fieldParams(HostCase{.name = "led"});
+  PackedMap map_{params_.tsdf};
+  ScanIntegrator integrator_{map_};
+  Told told_;
+  test::ListeningBackend backend_{[this](const kernels::ExactTables&) { return std::make_unique<Listener>(told_); }};
+  ToolGeometry tool_ = ToolGeometry::builtin("builtin:pencil");
+  ScoringSetup setup_{tool_, params_, backend_};
+  PointStore points_{params_, setup_.directions()};
+  PointScorer scorer_{points_, params_, backend_, makeMapReads(map_, points_, true)};
+  FlippedElsewhere fuser_;
+  std::unique_ptr<UpdateScheduler> scheduler_;
+  Random random_{9};
+  std::vector<Eigen::Vector3f> p_, q_;
+};
+
+TEST(DeviceAheadOfHost, BeginsOnceWithTheFlipsOfAScan) {
+  HostBehind host;
+  for (int n = 0; n < 3; ++n) {
+    host.scan();
+    EXPECT_EQ(host.begins(), 1);
+    host.expectAfterUpdate(1, 7);
+  }
+}
+
+TEST(DeviceAheadOfHost, BeginsAgainWithThoseOfSeveralScans) {
+  HostBehind host;
+  host.scan();
+  host.scan();
+  EXPECT_EQ(host.begins(), 1);
+  host.expectAfterUpdate(2, 14);
+}
+
+/// What was described of the first one, nothing, is not taken for what the second one brought.
+TEST(DeviceAheadOfHost, DescribesBlocksOfAScanThatFollowsOneWithoutAny) {
+  HostBehind host;
+  host.scan();
+  host.expectAfterUpdate(1, 7);
+  host.scanAgain();
+  host.scan();
+  host.expectAfterUpdate(2, 7);
+}
+
+/// Weights that were read ahead are not those of the map any more.
+TEST(DeviceAheadOfHost, ReadsWeightsAgainWhereTheMapChangesAlone) {
+  HostBehind host;
+  host.scan();
+  host.fuse();
+  host.scheduler().noteChangesAlone({});
+  host.expectAfterUpdate(2, 14);
+}
+
+TEST(DeviceAheadOfHost, TakesItsFlipsWhereItLeadsNoLonger) {
+  HostBehind host;
+  host.scan();
+  host.scheduler().takeFlipsOf(nullptr);
+  host.expectAfterUpdate(2, 0);
+}
+
 INSTANTIATE_TEST_SUITE_P(
     Streams, DeviceHost,
     testing::Values(HostCase{.name = "product"}, HostCase{.name = "several scans an update", .scans_an_update = 3},
@@ -325,7 +459,7 @@ INSTANTIATE_TEST_SUITE_P(
                     HostCase{.name = "points of the surface", .spacing_m = 0.1},
                     HostCase{.name = "points of the surface, several scans", .scans_an_update = 2, .spacing_m = 0.1},
                     // More points, and more blocks, than are passed at a time.
-                    HostCase{.name = "a large scan", .updates = 2, .returns = 75000, .spread_m = 26, .spacing_m = 0.1},
+                    HostCase{.name = "a large scan", .updates = 2, .returns = 75000, .spread_m = 34, .spacing_m = 0.1},
                     HostCase{
                         .name = "large scans", .scans_an_update = 2, .updates = 2, .returns = 40000, .spread_m = 26}));
 
