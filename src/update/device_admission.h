@@ -51,9 +51,8 @@ class DeviceAdmission {
   /// @return whether they were handed over
   bool handOver(const TouchedPoints& touched);
   /// Call for every scan, also concurrently with handOver(): notes which points it touched and which leaves it reached.
-  /// @param is_in_map  whether the map has the scan already; if so, and no other comes before the update, the weights
-  /// of
-  ///   the points that it touched are read at once, before the backend is busy
+  /// @param is_in_map  whether the map has the scan already; then the weights of the points that it touched are read at
+  /// once, before the backend is busy, and again if another scan comes before the update
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L, bool is_in_map);
   /// Call when the map changed without a scan.
