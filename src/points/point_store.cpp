@@ -142,7 +142,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
   return touched;
 }
 
-/// After addReturns() of the same scan.
+/// After the sums of the same scan.
 void PointStore::addAttributes(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                std::span<const std::int32_t> attributes, std::uint32_t first_new) {
   const ReturnGroups& groups = groups_;
@@ -166,13 +166,6 @@ void PointStore::addAttributes(std::span<const Eigen::Vector3f> p_L, std::span<c
                   [this](std::uint32_t id) { return sums_[id].returns; });
 }
 
-const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L,
-                                            std::span<const Eigen::Vector3f> q_L) {
-  const TouchedPoints& touched = placeReturns(p_L, q_L);
-  sumReturns(p_L, q_L);
-  return touched;
-}
-
 const TouchedPoints& PointStore::placeReturns(std::span<const Eigen::Vector3f> p_L,
                                               std::span<const Eigen::Vector3f> q_L) {
   group(p_L, q_L);
@@ -183,14 +176,9 @@ const TouchedPoints& PointStore::placeReturns(std::span<const Eigen::Vector3f> p
 
 void PointStore::sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                             std::span<const std::int32_t> attributes) {
-  sumReturns(p_L, q_L);
-  if (attributes_.columns() > 0) addAttributes(p_L, q_L, attributes, firstNew());
-}
-
-void PointStore::sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   TouchedPoints& touched = touched_;
   const ReturnGroups& groups = groups_;
-  const std::uint32_t before = firstNew();
+  const std::uint32_t before = size() - static_cast<std::uint32_t>(touched.new_points);
   touched.before_L.resize(groups.size());
   touched.views_changed.assign(groups.size(), 0);
   touched.deltas.resize(describe_touched_ ? groups.size() : 0);
@@ -215,6 +203,7 @@ void PointStore::sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<cons
       }
     });
   });
+  if (attributes_.columns() > 0) addAttributes(p_L, q_L, attributes, before);
 }
 
 void PointStore::addToSums(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) {

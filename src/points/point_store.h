@@ -62,15 +62,14 @@ class PointStore {
   /// threads are already working on the points than later.
   void describeTouched(bool wanted) { describe_touched_ = wanted; }
   /// Adds the returns of one scan. @param q_L  [n] or [1] sensor positions
+  /// @param attributes  what they carry: [n x attributes().columns()], row by row
   /// @return valid until the next call
-  const TouchedPoints& addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
-  /// The same, with what the returns carry. @param attributes  [n x attributes().columns()], row by row
   const TouchedPoints& addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                                  std::span<const std::int32_t> attributes);
+                                  std::span<const std::int32_t> attributes = {});
   /// The same in two parts: after the first one, index(), TouchedPoints::all and changed_blocks are as they will be.
   const TouchedPoints& placeReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   void sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                  std::span<const std::int32_t> attributes);
+                  std::span<const std::int32_t> attributes = {});
   /// What the returns of points carry; nothing unless it was asked for.
   void carry(std::vector<CarriedAttribute> carried) { attributes_ = PointAttributes(std::move(carried)); }
   [[nodiscard]] const PointAttributes& attributes() const { return attributes_; }
@@ -135,9 +134,6 @@ class PointStore {
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   void addToSums(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L);
   void refreshMean(std::uint32_t id);
-  void sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
-  /// Of the scan that was placed last.
-  [[nodiscard]] std::uint32_t firstNew() const { return size() - static_cast<std::uint32_t>(touched_.new_points); }
   void addAttributes(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                      std::span<const std::int32_t> attributes, std::uint32_t first_new);
 

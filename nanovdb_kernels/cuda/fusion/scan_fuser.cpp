@@ -91,7 +91,7 @@ class Implementation final : public DeviceScanFuser {
       launchNoteOnHost(grid_, asked_.send(with_values.first(count), memory_, stream()), stream());
       with_values = with_values.subspan(count);
     }
-    if (votes.size() > kMostSlots - kSlotsAtATime) requireNumbers(kMostSlots);
+    requireNumbers(votes.size());
     const auto slots = static_cast<std::uint32_t>(votes.size());
     vote_slots_.growFree(roundedSlots(slots));
     votes_.grow(roundedSlots(slots) * kVotes);
@@ -338,7 +338,7 @@ class Implementation final : public DeviceScanFuser {
   [[nodiscard]] static std::size_t roundedSlots(std::uint32_t slots) {
     return (std::size_t{slots} / kSlotsAtATime + 1) * kSlotsAtATime;
   }
-  static void requireNumbers(std::uint32_t slots) {
+  static void requireNumbers(std::uint64_t slots) {
     if (slots > kMostSlots - kSlotsAtATime) {
       throw ResourceLimit("memory.device", "cuda", "the map has more leaves than the GPU can number",
                           "Use larger voxels");

@@ -214,7 +214,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       points.describeTouched(scheduler->needs().deltas);
       const TouchedPoints& touched = points.placeReturns(p, q);
       if (c.ahead && scheduler->needs().deltas) scheduler->noteBlocks(touched.changed_blocks);
-      points.sumReturns(p, q, {});
+      points.sumReturns(p, q);
       for (const Eigen::Vector3f& return_L : p) ++returns_of[points.voxelOf(return_L)];
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
@@ -367,7 +367,7 @@ class HostBehind {
     points_.describeTouched(describes);
     const TouchedPoints& touched = points_.placeReturns(p_, q_);
     if (describes) scheduler_->noteBlocks(touched.changed_blocks);
-    points_.sumReturns(p_, q_, {});
+    points_.sumReturns(p_, q_);
     scheduler_->noteReturns(touched, p_, q_);
     scheduler_->noteChanges(p_, q_, {});
     scheduler_->prepare(nullptr);
