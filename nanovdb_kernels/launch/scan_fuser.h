@@ -54,7 +54,8 @@ class FollowingMap {
   virtual ~FollowingMap() = default;
   /// Fills in leaves that have values and that no scan reached which the map has not got yet.
   virtual void read(std::span<LeafRecord> leaves) = 0;
-  /// ScanFuser::readWeights() by the map, once it has got all scans.
+  /// The largest weight of the voxels around each of some, up to `reach` voxels along each axis: of leaves as above.
+  /// Of others it may take older ones, which are never larger. @param weights  [n] out
   virtual void readWeights(std::span<const GridGrowth::Origin> voxels, int reach, std::span<std::uint16_t> weights) = 0;
   /// Scans that it has got.
   [[nodiscard]] virtual std::uint64_t scans() const = 0;

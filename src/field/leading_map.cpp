@@ -19,7 +19,7 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kRaysPerTask = 256, kRecordsPerTask = 64;
+constexpr std::size_t kRaysPerTask = 256;
 
 [[noreturn]] void throwDiverged() {
   throw DeviceError("device.diverged", "cuda", "the map on the GPU is no longer that on the host",
@@ -156,36 +156,37 @@ void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::s
       if (!isOfDevice(error)) throw;
       // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
       if (error.code() == ErrorCode::Device) leave();
-      readWeights(voxels, reach, weights);
+      follower_.join();
+      readWeightsOfMap(map_, reach, voxels, weights);
     }
   });
 }
 
 void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
   leaves_read_ += leaves.size();
-  const MapFollower::Pause pause = follower_.pause();
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), kRecordsPerTask), [&](const auto& range) {
-    ConstPackedAccessor accessor(map_.tree());
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      kernels::LeafRecord& record = leaves[n];
-      const auto& [x, y, z] = record.origin_ijk;
-      const PackedLeaf* leaf = accessor.probeConstLeaf({x, y, z});
-      LeafValues::Room room;
-      const std::uint32_t* values = leaf == nullptr ? nullptr : LeafValues(*leaf).all(room);
-      if (values == nullptr) throwDiverged();
-      std::copy_n(values, std::size(record.values), record.values);
-      for (openvdb::Index word = 0; word < 8; ++word) {
-        const auto bits = leaf->getValueMask().getWord<std::uint64_t>(word);
-        std::memcpy(record.cleared + std::size_t{2} * word, &bits, sizeof(bits));
-      }
+  std::vector<Index3> origins(leaves.size());
+  std::transform(leaves.begin(), leaves.end(), origins.begin(), [](const auto& record) { return record.origin_ijk; });
+  std::atomic<bool> has_all = true;
+  integrator_.readLeaves(origins, [&](std::size_t n, const PackedLeaf* leaf) {
+    kernels::LeafRecord& record = leaves[n];
+    LeafValues::Room room;
+    const std::uint32_t* values = leaf == nullptr ? nullptr : LeafValues(*leaf).all(room);
+    if (values == nullptr) {
+      has_all = false;
+      return;
+    }
+    std::copy_n(values, std::size(record.values), record.values);
+    for (openvdb::Index word = 0; word < 8; ++word) {
+      const auto bits = leaf->getValueMask().getWord<std::uint64_t>(word);
+      std::memcpy(record.cleared + std::size_t{2} * word, &bits, sizeof(bits));
     }
   });
+  if (!has_all) throwDiverged();
 }
 
 void LeadingMap::readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
                              std::span<std::uint16_t> weights) {
-  follower_.join();
-  readWeightsOfMap(map_, reach, voxels, weights);
+  readWeightsBeside(integrator_, reach, voxels, weights);
 }
 
 void LeadingMap::catchUp() {

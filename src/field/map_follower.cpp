@@ -3,7 +3,7 @@
 #include "field/map_follower.h"
 
 #include <algorithm>
-#include <stdexcept>
+#include <utility>
 
 #include "field/thread_count.h"
 
@@ -24,7 +24,6 @@ void MapFollower::take(Scan& scan, std::uint64_t flips_hash) {
   bool beside;
   {
     std::unique_lock lock(mutex_);
-    requireUnpaused();
     changed_.wait(lock, [this] { return error_ || given_ - taken_ < kMostBehind; });
     if (error_) std::rethrow_exception(error_);
     beside = thread_.begin([this] { takeNext(); });  // which waits for the lock, so for the scan
@@ -41,10 +40,8 @@ void MapFollower::take(Scan& scan, std::uint64_t flips_hash) {
 
 void MapFollower::takeNext() {
   {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return stop_ || error_ || pauses_ == 0; });
+    const std::scoped_lock lock(mutex_);
     if (stop_ || error_) return;
-    taking_ = true;
   }
   const Place& place = places_[taken_ % kMostBehind];  // nobody else writes taken_, or fills this place
   std::uint64_t flips_hash = 0;
@@ -56,7 +53,6 @@ void MapFollower::takeNext() {
   }
   {
     const std::scoped_lock lock(mutex_);
-    taking_ = false;
     error_ = error;
     if (!error) {
       if (!diverged_ && flips_hash != place.flips_hash) diverged_ = taken_;
@@ -68,33 +64,8 @@ void MapFollower::takeNext() {
 
 void MapFollower::join() {
   std::unique_lock lock(mutex_);
-  requireUnpaused();
   changed_.wait(lock, [this] { return error_ || taken_ == given_; });
   if (error_) std::rethrow_exception(error_);
-}
-
-MapFollower::Pause MapFollower::pause() {
-  std::unique_lock lock(mutex_);
-  ++pauses_;  // first, or the next scan would begin as soon as this one ends
-  changed_.wait(lock, [this] { return !taking_; });
-  if (error_) {
-    --pauses_;
-    std::rethrow_exception(error_);
-  }
-  return Pause(*this);
-}
-
-void MapFollower::resume() {
-  {
-    const std::scoped_lock lock(mutex_);
-    --pauses_;
-  }
-  changed_.notify_all();
-}
-
-/// It would wait for ever: the pause is that of the thread that calls.
-void MapFollower::requireUnpaused() const {
-  if (pauses_ != 0) throw std::logic_error("a scan was given, or awaited, while the map was being read");
 }
 
 std::uint64_t MapFollower::taken() const {

@@ -16,7 +16,6 @@
 #include <functional>
 #include <mutex>
 #include <optional>
-#include <utility>
 #include <vector>
 
 #include "field/work_thread.h"
@@ -50,28 +49,12 @@ class MapFollower {
   MapFollower& operator=(const MapFollower&) = delete;
 
   /// Returns while the scan is behind, but waits while kMostBehind others are; without memory for a thread, until the
-  /// scan is in the map. Not during a pause.
+  /// scan is in the map.
   /// @param scan  afterwards empty, with memory of an earlier one; unchanged if this throws
   /// @param flips_hash  of the scan on the device
   void take(Scan& scan, std::uint64_t flips_hash);
-  /// Waits until all scans are in the map, which then is the caller's until the next take(). Not during a pause.
+  /// Waits until all scans are in the map, which then is the caller's until the next take().
   void join();
-
-  /// While it lives no scan is taken into the map. Must not outlive the follower.
-  class Pause {
-   public:
-    explicit Pause(MapFollower& follower) : follower_(&follower) {}
-    Pause(Pause&& other) noexcept : follower_(std::exchange(other.follower_, nullptr)) {}
-    Pause& operator=(Pause&&) = delete;
-    ~Pause() {
-      if (follower_ != nullptr) follower_->resume();
-    }
-
-   private:
-    MapFollower* follower_;
-  };
-  /// Waits for the scan that is being taken, so that the caller may read the map. There may be several at a time.
-  [[nodiscard]] Pause pause();
 
   /// Number of scans in the map.
   [[nodiscard]] std::uint64_t taken() const;
@@ -88,8 +71,6 @@ class MapFollower {
     std::uint64_t flips_hash = 0;
   };
   void takeNext();
-  void resume();
-  void requireUnpaused() const;
 
   Fuse fuse_;
   tbb::task_arena arena_;
@@ -99,8 +80,6 @@ class MapFollower {
   std::uint64_t given_ = 0, taken_ = 0, most_behind_ = 0;
   std::optional<std::uint64_t> diverged_;
   std::exception_ptr error_;
-  int pauses_ = 0;
-  bool taking_ = false;  ///< a scan, now
   bool stop_ = false;
   WorkThread thread_;  ///< the last member: destroyed first, it waits for its work
 };

@@ -33,11 +33,11 @@ std::uint32_t placeInNode(LeafKey key) {
   return (axis(42) * kNodeEdge + axis(21)) * kNodeEdge + axis(0);
 }
 
-/// Buckets hold whole nodes.
-std::size_t bucketOf(LeafKey key) { return mix(nodeOf(key)) >> 56; }
-static_assert(ReturnBins::kBuckets == 256, "bucketOf() takes eight bits");
-
 }  // namespace
+
+/// Buckets hold whole nodes.
+std::size_t ReturnBins::bucketOf(LeafKey key) { return mix(nodeOf(key)) >> 56; }
+static_assert(ReturnBins::kBuckets == 256, "bucketOf() takes eight bits");
 
 std::array<std::int32_t, 3> originOf(LeafKey key) {
   constexpr std::uint64_t kAxis = (1ull << 21) - 1;

@@ -58,6 +58,8 @@ struct BucketLeaves {
 class ReturnBins {
  public:
   static constexpr std::size_t kBuckets = 256;
+  /// The bucket of a leaf.
+  [[nodiscard]] static std::size_t bucketOf(LeafKey key);
 
   /// Fills the pairs of all returns, and the boxes of their regions.
   /// @param balls  so many of the rays, the last ones, are ballAround()

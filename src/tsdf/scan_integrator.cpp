@@ -5,6 +5,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <atomic>
@@ -103,7 +104,11 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   }
 
   result.contradicted_platforms = std::exchange(contradicted_platforms_, 0);
-  map_.cold().settle();
+  map_.cold().wait();
+  {
+    const std::lock_guard lock(tree_);
+    map_.cold().settle();
+  }
   reserve_.begin();
   // The largest buckets first, so that no thread starts one when the others are done.
   std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket
@@ -116,12 +121,16 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
       std::size_t{0}, order.size(),
       [&](std::size_t) {
         const std::size_t b = order[next++].second;
+        const std::lock_guard lock(buckets_[b]);
         workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b]);
       },
       tbb::simple_partitioner());
 
+  {
+    const std::lock_guard lock(tree_);
+    for (BucketResult& bucket : buckets) linkNodes(map_.tree(), bucket.new_nodes);
+  }
   for (BucketResult& bucket : buckets) {
-    linkNodes(map_.tree(), bucket.new_nodes);
     result.new_leaves += bucket.new_leaves;
     result.touched_leaves += bucket.touched;
     result.counts.distance_updates += bucket.counts.distance_updates;
@@ -148,6 +157,39 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   } catch (const std::bad_alloc&) {  // they stay plain; the scan is taken
   }
   return result;
+}
+
+void ScanIntegrator::readLeaves(std::span<const std::array<std::int32_t, 3>> origins_ijk,
+                                const std::function<void(std::size_t n, const PackedLeaf* leaf)>& read) {
+  std::array<std::vector<std::size_t>, ReturnBins::kBuckets> of_bucket;
+  for (std::size_t n = 0; n < origins_ijk.size(); ++n) {
+    const auto& [x, y, z] = origins_ijk[n];
+    of_bucket[ReturnBins::bucketOf(leafKeyOf(x >> 3, y >> 3, z >> 3))].push_back(n);
+  }
+  const auto readBucket = [&](std::size_t b) {
+    ConstPackedAccessor accessor(map_.tree());
+    for (const std::size_t n : of_bucket[b]) {
+      const auto& [x, y, z] = origins_ijk[n];
+      read(n, accessor.probeConstLeaf({x, y, z}));
+    }
+  };
+  const std::shared_lock lock(tree_);
+  // Isolated: a thread that waits here must not begin other work, which may want the locks.
+  tbb::this_task_arena::isolate([&] {
+    std::array<bool, ReturnBins::kBuckets> is_read = {};
+    tbb::parallel_for(std::size_t{0}, of_bucket.size(), [&](std::size_t b) {
+      if (of_bucket[b].empty() || !buckets_[b].try_lock()) return;
+      const std::lock_guard bucket(buckets_[b], std::adopt_lock);
+      readBucket(b);
+      is_read[b] = true;
+    });
+    // Those that a scan was being fused into.
+    tbb::parallel_for(std::size_t{0}, of_bucket.size(), [&](std::size_t b) {
+      if (of_bucket[b].empty() || is_read[b]) return;
+      const std::lock_guard bucket(buckets_[b]);
+      readBucket(b);
+    });
+  });
 }
 
 void ScanIntegrator::noteTouched(std::span<const BucketResult> buckets) {

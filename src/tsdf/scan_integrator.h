@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <mutex>
+#include <shared_mutex>
 #include <span>
 #include <vector>
 
@@ -49,12 +51,22 @@ class ScanIntegrator {
   IntegrationResult integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                               const ScanFrame& frame = {});
 
+  /// Reads leaves, on one thread while another is in integrate(): what that scan does to a leaf is in it altogether, or
+  /// not at all. Not for UpdateRegion::Projective.
+  /// @param origins_ijk  lowest voxels  @param read  (n, leaf), once for each, from several threads; nullptr: there is
+  /// no such leaf; it must not throw
+  void readLeaves(std::span<const std::array<std::int32_t, 3>> origins_ijk,
+                  const std::function<void(std::size_t n, const PackedLeaf* leaf)>& read);
+
  private:
   void noteTouched(std::span<const BucketResult> buckets);
   void integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L, const ScanFrame& frame,
                           IntegrationResult& result);
 
   PackedMap& map_;
+  /// Held to read leaves, and alone to link nodes and to give leaves other buffers. Before those of buckets.
+  std::shared_mutex tree_;
+  std::array<std::mutex, ReturnBins::kBuckets> buckets_;  ///< of the leaves of each
   RegionShape shape_;
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;

@@ -102,7 +102,7 @@ __global__ void evict(CacheView cache, std::uint32_t latest, SlotsView slots, st
 class WeightReader {
  public:
   __device__ explicit WeightReader(const CacheView& cache) : cache_(cache) {}
-  /// @return kWeightOnHost, where it is not here
+  /// @return kOwnOnHost, where it is not here
   __device__ std::uint32_t at(const Coord& ijk) {
     const Coord origin(ijk[0] & ~7, ijk[1] & ~7, ijk[2] & ~7);
     if (!any_ || !(origin == origin_)) {
@@ -112,7 +112,7 @@ class WeightReader {
       slot_ = leaf == nullptr ? 0 : grid_nodes::slotsOf(reinterpret_cast<std::byte*>(leaf)).values_plus_one;
     }
     if (slot_ == 0) return 0;
-    if (slot_ == LeafSlots::kOnHost) return kWeightOnHost;
+    if (slot_ == LeafSlots::kOnHost) return kOwnOnHost;
     return weightOf(cache_.values[std::size_t{512} * (slot_ - 1) + OccupancyLeaf::CoordToOffset(ijk)]);
   }
 
@@ -129,8 +129,9 @@ __global__ void largestWeights(CacheView cache, const GridGrowth::Origin* voxels
   if (n >= count) return;
   const Coord of = coordOf(voxels[n]);
   WeightReader reader(cache);
-  std::uint32_t most = 0;
+  std::uint32_t most = 0, marks = 0;
   const std::uint32_t own = reader.at(of);
+  if (own == kOwnOnHost) marks = kOwnOnHost;
   // Leaf by leaf: at most two along each axis, since the reach is below a leaf's edge.
   for (int part = 0; part < 8; ++part) {
     std::int32_t low[3], high[3];
@@ -147,12 +148,16 @@ __global__ void largestWeights(CacheView cache, const GridGrowth::Origin* voxels
       for (std::int32_t y = low[1]; y <= high[1]; ++y) {
         for (std::int32_t z = low[2]; z <= high[2]; ++z) {
           const std::uint32_t weight = reader.at(Coord(x, y, z));
-          most = weight > most ? weight : most;
+          if (weight == kOwnOnHost) {
+            marks |= kSomeOnHost;
+          } else {
+            most = weight > most ? weight : most;
+          }
         }
       }
     }
   }
-  weights[n] = static_cast<std::uint16_t>(own == 0 ? 0 : most);
+  weights[n] = static_cast<std::uint16_t>(own == 0 ? 0 : most | marks);
 }
 
 }  // namespace

@@ -160,16 +160,27 @@ class Implementation final : public DeviceScanFuser {
                                    cudaMemcpyDeviceToHost, stream()));
     ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
     std::memcpy(weights.data(), weights_on_host_.data(), weights.size_bytes());
-    std::vector<std::size_t> missed;
-    for (std::size_t n = 0; n < weights.size(); ++n) {
-      if (weights[n] == kWeightOnHost) missed.push_back(n);
-    }
-    if (missed.empty()) return;
-    std::vector<Origin> on_host;
-    for (const std::size_t n : missed) on_host.push_back(voxels[n]);
-    std::vector<std::uint16_t> found(missed.size());
-    host.readWeights(on_host, reach, found);
-    for (std::size_t n = 0; n < missed.size(); ++n) weights[missed[n]] = found[n];
+    // Those around a voxel, then its own: without that it has no weight.
+    const auto addOf = [&](std::uint16_t mark, int around, const auto& add) {
+      std::vector<std::size_t> missed;
+      std::vector<Origin> on_host;
+      for (std::size_t n = 0; n < weights.size(); ++n) {
+        if ((weights[n] & mark) == 0) continue;
+        missed.push_back(n);
+        on_host.push_back(voxels[n]);
+      }
+      if (missed.empty()) return;
+      std::vector<std::uint16_t> found(missed.size());
+      host.readWeights(on_host, around, found);
+      for (std::size_t n = 0; n < missed.size(); ++n) add(weights[missed[n]], found[n]);
+    };
+    addOf(kSomeOnHost, reach, [](std::uint16_t& weight, std::uint16_t found) {
+      const auto here = static_cast<std::uint16_t>(weight & kWeightMask);
+      weight = static_cast<std::uint16_t>(std::max(here, found) | (weight & kOwnOnHost));
+    });
+    addOf(kOwnOnHost, 0, [](std::uint16_t& weight, std::uint16_t found) {
+      weight = found == 0 ? std::uint16_t{0} : static_cast<std::uint16_t>(weight & kWeightMask);
+    });
   }
 
   FlipsOnDevice flips() const override {

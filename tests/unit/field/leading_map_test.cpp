@@ -100,7 +100,13 @@ class PretendedFuser final : public kernels::ScanFuser {
   void readWeights(std::span<const Origin> voxels, int reach, std::span<std::uint16_t> weights,
                    FollowingMap& host) override {
     if (weights_fail) throw DeviceError("device.failed", "cuda", "made up", "");
+    std::vector<std::uint16_t> here(voxels.size());
+    readWeightsOfMap(of_device_->map, reach, voxels, here);
     host.readWeights(voxels, reach, weights);
+    for (std::size_t n = 0; n < voxels.size(); ++n) {
+      EXPECT_TRUE(here[n] == 0 || weights[n] <= here[n]) << "the host's are never larger";
+      weights[n] = here[n];
+    }
   }
   kernels::FlipsOnDevice flips() const override { return {}; }
   void takeFlips(std::vector<kernels::LeafFlips>&, std::vector<std::uint16_t>&) override {}

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// How scans get into a map that follows: in order, at most four behind, not while it is read, and not after an error.
+/// How scans get into a map that follows: in order, at most four behind, and not after an error.
 #include "field/map_follower.h"
 #include "field/returning_values.h"
 
@@ -195,7 +195,6 @@ TEST(MapFollower, AFailedScanIsTheLast) {
       EXPECT_THROW(std::rethrow_exception(first), std::bad_alloc);
       EXPECT_EQ(errorOf([&] { follower->join(); }), first);
       EXPECT_EQ(errorOf([&] { give(*follower, 99); }), first);
-      EXPECT_EQ(errorOf([&] { static_cast<void>(follower->pause()); }), first);
       EXPECT_EQ(errorOf([&] { follower->join(); }), first);
       EXPECT_EQ(follower->taken(), static_cast<std::uint64_t>(bad));
       follower.reset();
@@ -204,35 +203,6 @@ TEST(MapFollower, AFailedScanIsTheLast) {
       EXPECT_EQ(begun, expected);
     }
   }
-}
-
-TEST(MapFollower, APauseStopsTheMap) {
-  GatedMap map;
-  MapFollower follower(map.fuse(), 1);
-  { const MapFollower::Pause idle = follower.pause(); }
-  for (int n = 0; n < 3; ++n) give(follower, n);
-  map.waitUntilBegun(1);
-  {
-    std::optional<MapFollower::Pause> pause;
-    Beside pausing([&] { pause.emplace(follower.pause()); });
-    EXPECT_TRUE(pausing.waits());
-    map.let(3);  // for the others, too: only the pause keeps them
-    pausing.wait();
-    const auto expectStopped = [&] {
-      std::this_thread::sleep_for(milliseconds(20));
-      EXPECT_EQ(follower.taken(), 1u);
-      EXPECT_EQ(follower.behind(), 2u);
-      EXPECT_EQ(map.count, 1);
-    };
-    expectStopped();
-    { const MapFollower::Pause inner = follower.pause(); }
-    expectStopped();
-    EXPECT_THROW(give(follower, 3), std::logic_error);
-    EXPECT_THROW(follower.join(), std::logic_error);
-    expectStopped();
-  }
-  follower.join();
-  EXPECT_EQ(map.begun, (std::vector<int>{0, 1, 2}));
 }
 
 TEST(MapFollower, RemembersTheFirstScanThatDiffers) {
