@@ -31,8 +31,9 @@ struct FusionSetting {
 struct FusedScan {
   FoldCounts counts;
   std::uint64_t touched_leaves = 0, changed_leaves = 0;
-  std::uint64_t flips_hash = 0;  ///< hostdev/flips_hash.h
-  GridGrowth growth;             ///< valid until the next scan
+  std::uint64_t returned_leaves = 0;  ///< whose values came from the host
+  std::uint64_t flips_hash = 0;       ///< hostdev/flips_hash.h
+  GridGrowth growth;                  ///< valid until the next scan
 };
 
 /// A leaf's values, and what was cleared, as the host's map has them.
@@ -54,9 +55,6 @@ class FollowingMap {
   virtual ~FollowingMap() = default;
   /// Fills in leaves that have values and that no scan reached which the map has not got yet.
   virtual void read(std::span<LeafRecord> leaves) = 0;
-  /// The largest weight of the voxels around each of some, up to `reach` voxels along each axis: of leaves as above.
-  /// Of others it may take older ones, which are never larger. @param weights  [n] out
-  virtual void readWeights(std::span<const GridGrowth::Origin> voxels, int reach, std::span<std::uint16_t> weights) = 0;
   /// Scans that it has got.
   [[nodiscard]] virtual std::uint64_t scans() const = 0;
   /// Returns once it has got all of them.

@@ -83,7 +83,6 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
   if (!std::exchange(prepared_, false)) prepare(p_L, q_L);
   if (!std::exchange(knows_space_, true)) space_ = facts_.space();
   kernels::FusedScan fused;
-  leaves_read_ = 0;
   try {
     fused = fuser_->fuse(
         rays_, 0, space_, [this](std::uint64_t more_bytes) { reserve(more_bytes); }, *this);
@@ -98,7 +97,7 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
     takeOnHost(p_L, q_L, frame);
     throw;
   }
-  returning_.note(leaves_read_, fused.touched_leaves);
+  returning_.note(fused.returned_leaves, fused.touched_leaves);
   space_ = kernels::grown(space_, fused.growth.counts());
   const kernels::GridGrowth& added = fused.growth;
   {
@@ -163,7 +162,6 @@ void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::s
 }
 
 void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
-  leaves_read_ += leaves.size();
   std::vector<Index3> origins(leaves.size());
   std::transform(leaves.begin(), leaves.end(), origins.begin(), [](const auto& record) { return record.origin_ijk; });
   std::atomic<bool> has_all = true;
@@ -182,11 +180,6 @@ void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
     }
   });
   if (!has_all) throwDiverged();
-}
-
-void LeadingMap::readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
-                             std::span<std::uint16_t> weights) {
-  readWeightsBeside(integrator_, reach, voxels, weights);
 }
 
 void LeadingMap::catchUp() {

@@ -80,8 +80,6 @@ class LeadingMap final : private kernels::FollowingMap {
   };
 
   void read(std::span<kernels::LeafRecord> leaves) override;
-  void readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
-                   std::span<std::uint16_t> weights) override;
   [[nodiscard]] std::uint64_t scans() const override { return follower_.taken(); }
   void wait() override { follower_.join(); }
 
@@ -95,7 +93,6 @@ class LeadingMap final : private kernels::FollowingMap {
   NanoVdbMirror& facts_;
   std::atomic<bool> leads_ = true;  ///< an update beside a scan may find that the device failed
   ReturningValues returning_;
-  std::uint64_t leaves_read_ = 0;  ///< for the scan that is fused
   std::vector<kernels::ReturnRay> rays_;
   bool prepared_ = false;
   bool knows_space_ = false;    ///< nobody else changed the grid since

@@ -229,49 +229,6 @@ void readWeightsOfMap(const PackedMap& map, int reach, std::span<const Index3> v
   });
 }
 
-void readWeightsBeside(ScanIntegrator& integrator, int reach, std::span<const Index3> voxels,
-                       std::span<std::uint16_t> weights) {
-  struct Part {
-    Index3 leaf;
-    std::size_t n;  ///< of the voxels
-    std::uint16_t weight = 0;
-  };
-  std::vector<Part> parts;
-  for (std::size_t n = 0; n < voxels.size(); ++n) {
-    const auto first = [&](std::size_t axis) { return (voxels[n][axis] - reach) & ~7; };
-    const auto end = [&](std::size_t axis) { return voxels[n][axis] + reach + 1; };
-    for (std::int32_t x = first(0); x < end(0); x += 8)
-      for (std::int32_t y = first(1); y < end(1); y += 8)
-        for (std::int32_t z = first(2); z < end(2); z += 8) parts.push_back({{x, y, z}, n});
-  }
-  tbb::parallel_sort(parts.begin(), parts.end(), [](const Part& a, const Part& b) { return a.leaf < b.leaf; });
-  std::vector<Index3> leaves;
-  std::vector<std::size_t> begin;  // of the parts
-  for (std::size_t p = 0; p < parts.size(); ++p) {
-    if (p > 0 && parts[p].leaf == parts[p - 1].leaf) continue;
-    leaves.push_back(parts[p].leaf);
-    begin.push_back(p);
-  }
-  begin.push_back(parts.size());
-  integrator.readLeaves(leaves, [&](std::size_t l, const PackedLeaf* leaf) {
-    const LeafValues values = leaf == nullptr ? LeafValues() : LeafValues(*leaf);
-    if (!values) return;
-    for (std::size_t p = begin[l]; p < begin[l + 1]; ++p) {
-      const Index3& voxel = voxels[parts[p].n];
-      const auto low = [&](std::size_t axis) { return std::max(voxel[axis] - reach - leaves[l][axis], 0); };
-      const auto high = [&](std::size_t axis) { return std::min(voxel[axis] + reach - leaves[l][axis], 7); };
-      std::uint32_t most = 0;
-      for (std::int32_t x = low(0); x <= high(0); ++x)
-        for (std::int32_t y = low(1); y <= high(1); ++y)
-          for (std::int32_t z = low(2); z <= high(2); ++z)
-            most = std::max(most, weightOf(values[static_cast<std::size_t>(64 * x + 8 * y + z)]));
-      parts[p].weight = static_cast<std::uint16_t>(most);
-    }
-  });
-  std::fill(weights.begin(), weights.end(), std::uint16_t{0});
-  for (const Part& part : parts) weights[part.n] = std::max(weights[part.n], part.weight);
-}
-
 MapReads readsOfLead(const MapReads& map, const PointStore& points, bool neighbourhood_weight,
                      const std::unique_ptr<LeadingMap>& lead) {
   MapReads reads = map;

@@ -10,7 +10,6 @@
 #include "change/gone_points.h"
 #include "field/tools/window_margins.h"
 #include "tsdf/packed_map.h"
-#include "tsdf/scan_integrator.h"
 #include "update/point_scorer.h"
 
 namespace accessvdb::internal {
@@ -24,10 +23,6 @@ MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neigh
 /// MapReads::weights_at of a map. @param reach  of the voxels around each
 void readWeightsOfMap(const PackedMap& map, int reach, std::span<const Index3> voxels,
                       std::span<std::uint16_t> weights);
-
-/// The same while a scan is being taken, as ScanIntegrator::readLeaves(), and also where the voxel itself has none.
-void readWeightsBeside(ScanIntegrator& integrator, int reach, std::span<const Index3> voxels,
-                       std::span<std::uint16_t> weights);
 
 /// The same as `map`, but of the device's map as long as it leads. @param lead, points  must outlive the result; *lead
 /// may be null, and may change

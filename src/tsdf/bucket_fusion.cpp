@@ -75,7 +75,10 @@ PackedLeaf* BucketFusion::addLeaf(std::size_t in_bucket, BucketResult& result) {
   }
   auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), coordOf(bucket_leaves_.originOf(in_bucket)));
   PackedLeaf* added = leaf.get();
-  nodes_[number]->addChild(leaf.release());
+  {
+    const std::lock_guard lock(*adding_);
+    nodes_[number]->addChild(leaf.release());
+  }
   ++result.new_leaves;
   return added;
 }
@@ -190,7 +193,8 @@ void BucketFusion::keepVotes(PackedLeaf& leaf, const VoxelVotes* votes) {
 }
 
 void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,
-                        BucketResult& result) {
+                        BucketResult& result, std::mutex& nodes) {
+  adding_ = &nodes;
   changes.facts.clear();
   changes.distances.clear();
   bins.group(bucket, bucket_leaves_);

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <utility>
 #include <vector>
 
@@ -57,9 +58,10 @@ class BucketFusion {
 
   /// Different buckets may be fused at the same time: a node's leaves are all in one.
   /// @param changes  each leaf once; cleared at the beginning
+  /// @param nodes  held while a leaf is added to a node that is in the tree
   /// @throws std::bad_alloc; then each of the bucket's leaves is unchanged or contains the scan
   void fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,
-            BucketResult& result);
+            BucketResult& result, std::mutex& nodes);
 
  private:
   /// How many leaves ahead of its use data is asked for. Waiting leaves' sums stay in the first-level cache; 8 was as
@@ -88,6 +90,7 @@ class BucketFusion {
   void keepVotes(PackedLeaf& leaf, const VoxelVotes* votes);
 
   PackedMap& map_;
+  std::mutex* adding_ = nullptr;  ///< of fuse()
   BucketLeaves bucket_leaves_;
   std::vector<PackedLowerNode*> nodes_;  ///< [bucket_leaves_.nodes] nullptr if the tree has none yet
   std::array<PackedLeaf*, kLeafAhead> leaves_ = {};

@@ -121,8 +121,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
       std::size_t{0}, order.size(),
       [&](std::size_t) {
         const std::size_t b = order[next++].second;
-        const std::lock_guard lock(buckets_[b]);
-        workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b]);
+        workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b], nodes_[b]);
       },
       tbb::simple_partitioner());
 
@@ -161,33 +160,20 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
 
 void ScanIntegrator::readLeaves(std::span<const std::array<std::int32_t, 3>> origins_ijk,
                                 const std::function<void(std::size_t n, const PackedLeaf* leaf)>& read) {
-  std::array<std::vector<std::size_t>, ReturnBins::kBuckets> of_bucket;
-  for (std::size_t n = 0; n < origins_ijk.size(); ++n) {
-    const auto& [x, y, z] = origins_ijk[n];
-    of_bucket[ReturnBins::bucketOf(leafKeyOf(x >> 3, y >> 3, z >> 3))].push_back(n);
-  }
-  const auto readBucket = [&](std::size_t b) {
-    ConstPackedAccessor accessor(map_.tree());
-    for (const std::size_t n : of_bucket[b]) {
-      const auto& [x, y, z] = origins_ijk[n];
-      read(n, accessor.probeConstLeaf({x, y, z}));
-    }
-  };
   const std::shared_lock lock(tree_);
   // Isolated: a thread that waits here must not begin other work, which may want the locks.
   tbb::this_task_arena::isolate([&] {
-    std::array<bool, ReturnBins::kBuckets> is_read = {};
-    tbb::parallel_for(std::size_t{0}, of_bucket.size(), [&](std::size_t b) {
-      if (of_bucket[b].empty() || !buckets_[b].try_lock()) return;
-      const std::lock_guard bucket(buckets_[b], std::adopt_lock);
-      readBucket(b);
-      is_read[b] = true;
-    });
-    // Those that a scan was being fused into.
-    tbb::parallel_for(std::size_t{0}, of_bucket.size(), [&](std::size_t b) {
-      if (of_bucket[b].empty() || is_read[b]) return;
-      const std::lock_guard bucket(buckets_[b]);
-      readBucket(b);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, origins_ijk.size(), 64), [&](const auto& range) {
+      ConstPackedAccessor accessor(map_.tree());
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const auto& [x, y, z] = origins_ijk[n];
+        const PackedLeaf* leaf = nullptr;
+        {
+          const std::lock_guard nodes(nodes_[ReturnBins::bucketOf(leafKeyOf(x >> 3, y >> 3, z >> 3))]);
+          leaf = accessor.probeConstLeaf({x, y, z});
+        }
+        read(n, leaf);
+      }
     });
   });
 }

@@ -51,8 +51,8 @@ class ScanIntegrator {
   IntegrationResult integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                               const ScanFrame& frame = {});
 
-  /// Reads leaves, on one thread while another is in integrate(): what that scan does to a leaf is in it altogether, or
-  /// not at all. Not for UpdateRegion::Projective.
+  /// Reads leaves that the scan does not reach which another thread may be in integrate() with. Not for
+  /// UpdateRegion::Projective.
   /// @param origins_ijk  lowest voxels  @param read  (n, leaf), once for each, from several threads; nullptr: there is
   /// no such leaf; it must not throw
   void readLeaves(std::span<const std::array<std::int32_t, 3>> origins_ijk,
@@ -64,9 +64,10 @@ class ScanIntegrator {
                           IntegrationResult& result);
 
   PackedMap& map_;
-  /// Held to read leaves, and alone to link nodes and to give leaves other buffers. Before those of buckets.
+  /// Held to read leaves, and alone to link nodes and to give leaves other buffers.
   std::shared_mutex tree_;
-  std::array<std::mutex, ReturnBins::kBuckets> buckets_;  ///< of the leaves of each
+  std::array<std::mutex, ReturnBins::kBuckets>
+      nodes_;  ///< those of each bucket, which leaves are found in, or added to
   RegionShape shape_;
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;

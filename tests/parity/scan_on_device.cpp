@@ -46,7 +46,7 @@ std::uint32_t weightAt(const internal::PackedMap& map, const openvdb::Coord& ijk
   return values == nullptr ? 0 : kernels::weightOf(values[internal::PackedLeaf::coordToOffset(ijk)]);
 }
 
-std::uint16_t largestAround(const internal::PackedMap& map, const kernels::GridGrowth::Origin& voxel, int reach) {
+std::uint16_t largestWeight(const internal::PackedMap& map, const kernels::GridGrowth::Origin& voxel, int reach) {
   std::uint32_t most = 0;
   for (int x = -reach; x <= reach; ++x) {
     for (int y = -reach; y <= reach; ++y) {
@@ -55,11 +55,8 @@ std::uint16_t largestAround(const internal::PackedMap& map, const kernels::GridG
       }
     }
   }
-  return static_cast<std::uint16_t>(most);
-}
-
-std::uint16_t largestWeight(const internal::PackedMap& map, const kernels::GridGrowth::Origin& voxel, int reach) {
-  return largestAround(map, voxel, 0) == 0 ? std::uint16_t{0} : largestAround(map, voxel, reach);
+  const bool is_observed = weightAt(map, {voxel[0], voxel[1], voxel[2]}) > 0;
+  return static_cast<std::uint16_t>(is_observed ? most : 0);
 }
 
 void requireThat(bool holds) {
@@ -125,11 +122,6 @@ void MapBehind::read(std::span<kernels::LeafRecord> leaves) {
     std::copy_n(values, kValues, record.values);
     std::memcpy(record.cleared, maskOf(*leaf).data(), sizeof(record.cleared));
   }
-}
-
-void MapBehind::readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
-                            std::span<std::uint16_t> weights) {
-  for (std::size_t n = 0; n < voxels.size(); ++n) weights[n] = largestAround(*map_, voxels[n], reach);
 }
 
 ScanOnDevice::ScanOnDevice(kernels::CudaBackend& backend, const internal::PackedMap& map, MapBehind& behind,

@@ -37,8 +37,6 @@ class MapBehind final : public kernels::FollowingMap {
   void take(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
 
   void read(std::span<kernels::LeafRecord> leaves) override;
-  void readWeights(std::span<const kernels::GridGrowth::Origin> voxels, int reach,
-                   std::span<std::uint16_t> weights) override;
   [[nodiscard]] std::uint64_t scans() const override { return scans_; }
   void wait() override { catchUp(0); }
 

@@ -142,12 +142,12 @@ void launchCountAges(const CacheView& cache, std::uint32_t scan_number, std::uin
 /// Frees the slots that no scan after `latest` reached. @param freed  zero: how many
 void launchEvict(const CacheView& cache, std::uint32_t latest, const SlotsView& slots, std::uint32_t* freed,
                  cudaStream_t stream);
-/// @param voxels  [count] @param weights  [count] largest, with marks where leaves have their values on the host
+/// @param voxels  [count]  @param weights  [count] largest of what is here, and from bit kPartsShift on, for each part
+/// of the window (hostdev/weight_window.h), whether it is on the host; 0 if the voxel itself is not observed
 void launchReadWeights(const CacheView& cache, const GridGrowth::Origin* voxels, std::uint32_t count, int reach,
-                       std::uint16_t* weights, cudaStream_t stream);
-/// Others around it are on the host; so is the voxel's own.
-inline constexpr std::uint16_t kSomeOnHost = 0x8000, kOwnOnHost = 0x4000;
-static_assert(kWeightMask < kOwnOnHost);
+                       std::uint32_t* weights, cudaStream_t stream);
+inline constexpr int kPartsShift = 16;
+static_assert(kWeightMask >> kPartsShift == 0);
 
 // publish_leaves.cu
 /// Appends what flipped to lists. @param first_voxel  voxels of those before

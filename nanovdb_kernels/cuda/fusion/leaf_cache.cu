@@ -5,6 +5,7 @@
 #include "cuda/fusion/grid_nodes.cuh"
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
+#include "hostdev/weight_window.h"
 
 namespace accessvdb::kernels {
 namespace {
@@ -98,66 +99,42 @@ __global__ void evict(CacheView cache, std::uint32_t latest, SlotsView slots, st
   slots.free[slots.free_count + atomicAdd(freed, 1u)] = slot;
 }
 
-/// The weight of one voxel, from the leaf that was asked last if it is in that.
-class WeightReader {
- public:
-  __device__ explicit WeightReader(const CacheView& cache) : cache_(cache) {}
-  /// @return kOwnOnHost, where it is not here
-  __device__ std::uint32_t at(const Coord& ijk) {
-    const Coord origin(ijk[0] & ~7, ijk[1] & ~7, ijk[2] & ~7);
-    if (!any_ || !(origin == origin_)) {
-      any_ = true;
-      origin_ = origin;
-      grid_nodes::Leaf* const leaf = grid_nodes::leafAt(cache_.grid, origin);
-      slot_ = leaf == nullptr ? 0 : grid_nodes::slotsOf(reinterpret_cast<std::byte*>(leaf)).values_plus_one;
-    }
-    if (slot_ == 0) return 0;
-    if (slot_ == LeafSlots::kOnHost) return kOwnOnHost;
-    return weightOf(cache_.values[std::size_t{512} * (slot_ - 1) + OccupancyLeaf::CoordToOffset(ijk)]);
-  }
-
- private:
-  const CacheView& cache_;
-  Coord origin_{0, 0, 0};
-  bool any_ = false;
-  std::uint32_t slot_ = 0;
-};
-
 __global__ void largestWeights(CacheView cache, const GridGrowth::Origin* voxels, std::uint32_t count, int reach,
-                               std::uint16_t* weights) {
+                               std::uint32_t* weights) {
   const std::uint32_t n = blockIdx.x * kFusionThreads + threadIdx.x;
   if (n >= count) return;
   const Coord of = coordOf(voxels[n]);
-  WeightReader reader(cache);
-  std::uint32_t most = 0, marks = 0;
-  const std::uint32_t own = reader.at(of);
-  if (own == kOwnOnHost) marks = kOwnOnHost;
-  // Leaf by leaf: at most two along each axis, since the reach is below a leaf's edge.
-  for (int part = 0; part < 8; ++part) {
-    std::int32_t low[3], high[3];
-    bool any = true;
-    for (int axis = 0; axis < 3; ++axis) {
-      const std::int32_t first = of[axis] - reach, last = of[axis] + reach, border = first | 7;
-      const bool is_upper = (part >> axis & 1) != 0;
-      low[axis] = is_upper ? border + 1 : first;
-      high[axis] = is_upper || last < border ? last : border;
-      any = any && low[axis] <= high[axis];
+  const std::int32_t own[3] = {of[0], of[1], of[2]};
+  std::uint32_t most = 0, on_host = 0;
+  bool is_observed = false;
+  for (int part = 0; part < kWindowParts; ++part) {
+    const WindowPart window = windowPart(own, reach, part);
+    if (window.empty()) continue;
+    grid_nodes::Leaf* const leaf =
+        grid_nodes::leafAt(cache.grid, Coord(window.first[0] & ~7, window.first[1] & ~7, window.first[2] & ~7));
+    const std::uint32_t slot =
+        leaf == nullptr ? 0 : grid_nodes::slotsOf(reinterpret_cast<std::byte*>(leaf)).values_plus_one;
+    const bool holds_own = window.holds(own);
+    if (slot == LeafSlots::kOnHost) {
+      on_host |= 1u << (kPartsShift + part);
+      is_observed = is_observed || holds_own;  // unless the host says otherwise
     }
-    if (!any) continue;
-    for (std::int32_t x = low[0]; x <= high[0]; ++x) {
-      for (std::int32_t y = low[1]; y <= high[1]; ++y) {
-        for (std::int32_t z = low[2]; z <= high[2]; ++z) {
-          const std::uint32_t weight = reader.at(Coord(x, y, z));
-          if (weight == kOwnOnHost) {
-            marks |= kSomeOnHost;
-          } else {
-            most = weight > most ? weight : most;
-          }
+    if (slot == 0 || slot == LeafSlots::kOnHost) continue;
+    const std::uint32_t* const values = cache.values + std::size_t{512} * (slot - 1);
+    const auto weightAt = [&](std::int32_t x, std::int32_t y, std::int32_t z) {
+      return weightOf(values[OccupancyLeaf::CoordToOffset(Coord(x, y, z))]);
+    };
+    is_observed = is_observed || (holds_own && weightAt(own[0], own[1], own[2]) > 0);
+    for (std::int32_t x = window.first[0]; x <= window.last[0]; ++x) {
+      for (std::int32_t y = window.first[1]; y <= window.last[1]; ++y) {
+        for (std::int32_t z = window.first[2]; z <= window.last[2]; ++z) {
+          const std::uint32_t weight = weightAt(x, y, z);
+          most = weight > most ? weight : most;
         }
       }
     }
   }
-  weights[n] = static_cast<std::uint16_t>(own == 0 ? 0 : most | marks);
+  weights[n] = is_observed ? most | on_host : 0;
 }
 
 }  // namespace
@@ -211,7 +188,7 @@ void launchEvict(const CacheView& cache, std::uint32_t latest, const SlotsView& 
 }
 
 void launchReadWeights(const CacheView& cache, const GridGrowth::Origin* voxels, std::uint32_t count, int reach,
-                       std::uint16_t* weights, cudaStream_t stream) {
+                       std::uint32_t* weights, cudaStream_t stream) {
   if (count == 0) return;
   largestWeights<<<fusionBlocks(count), kFusionThreads, 0, stream>>>(cache, voxels, count, reach, weights);
   checkLaunch("largestWeights");

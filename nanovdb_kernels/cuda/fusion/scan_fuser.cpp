@@ -20,6 +20,7 @@
 #include "cuda/memory/pinned_buffer.h"
 #include "cuda/memory/range_array.h"
 #include "cuda/memory/staging.h"
+#include "hostdev/weight_window.h"
 #include "launch/counted_memory.h"
 #include "launch/slot_counts.h"
 
@@ -124,7 +125,8 @@ class Implementation final : public DeviceScanFuser {
     }
     // All that can fail for lack of memory comes before the first write to the map.
     FusionCounters most = counters_.read(stream());
-    if (most.missed > 0) {
+    const std::uint64_t returned = most.missed;
+    if (returned > 0) {
       takeMissed(scan, most, host);
       launchFindNeeds(scan, pairs, scratch_, stream());
       most = counters_.read(stream());
@@ -145,7 +147,9 @@ class Implementation final : public DeviceScanFuser {
     listFlips(fused, done);
     ACCESSVDB_CUDA(cudaEventRecord(ended_.get(), stream()));
     ACCESSVDB_CUDA(cudaEventRecord(context_->mirrorReady(), stream()));
-    return outcomeOf(done);
+    FusedScan fused_scan = outcomeOf(done);
+    fused_scan.returned_leaves = returned;
+    return fused_scan;
   }
 
   void readWeights(std::span<const Origin> voxels, int reach, std::span<std::uint16_t> weights,
@@ -155,32 +159,20 @@ class Implementation final : public DeviceScanFuser {
     const DeviceList<Origin> list = asked_.send(voxels, memory_, stream());
     weights_.growWithRoom(memory_, voxels.size(), roomFor(voxels.size()), 0);
     launchReadWeights(cacheView(), list.data, list.count, reach, weights_.data(), stream());
-    weights_on_host_.reserve(weights.size_bytes());
-    ACCESSVDB_CUDA(cudaMemcpyAsync(weights_on_host_.data(), weights_.data(), weights.size_bytes(),
-                                   cudaMemcpyDeviceToHost, stream()));
+    const std::size_t bytes = voxels.size() * sizeof(std::uint32_t);
+    weights_on_host_.reserve(bytes);
+    ACCESSVDB_CUDA(cudaMemcpyAsync(weights_on_host_.data(), weights_.data(), bytes, cudaMemcpyDeviceToHost, stream()));
     ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
-    std::memcpy(weights.data(), weights_on_host_.data(), weights.size_bytes());
-    // Those around a voxel, then its own: without that it has no weight.
-    const auto addOf = [&](std::uint16_t mark, int around, const auto& add) {
-      std::vector<std::size_t> missed;
-      std::vector<Origin> on_host;
-      for (std::size_t n = 0; n < weights.size(); ++n) {
-        if ((weights[n] & mark) == 0) continue;
-        missed.push_back(n);
-        on_host.push_back(voxels[n]);
+    const auto* const found = reinterpret_cast<const std::uint32_t*>(weights_on_host_.data());
+    std::vector<PartOnHost> parts;
+    for (std::size_t n = 0; n < weights.size(); ++n) {
+      weights[n] = static_cast<std::uint16_t>(found[n] & kWeightMask);
+      for (std::uint32_t left = found[n] >> kPartsShift; left != 0; left &= left - 1) {
+        const WindowPart window = windowPart(voxels[n].data(), reach, std::countr_zero(left));
+        parts.push_back({{window.first[0] & ~7, window.first[1] & ~7, window.first[2] & ~7}, window, n});
       }
-      if (missed.empty()) return;
-      std::vector<std::uint16_t> found(missed.size());
-      host.readWeights(on_host, around, found);
-      for (std::size_t n = 0; n < missed.size(); ++n) add(weights[missed[n]], found[n]);
-    };
-    addOf(kSomeOnHost, reach, [](std::uint16_t& weight, std::uint16_t found) {
-      const auto here = static_cast<std::uint16_t>(weight & kWeightMask);
-      weight = static_cast<std::uint16_t>(std::max(here, found) | (weight & kOwnOnHost));
-    });
-    addOf(kOwnOnHost, 0, [](std::uint16_t& weight, std::uint16_t found) {
-      weight = found == 0 ? std::uint16_t{0} : static_cast<std::uint16_t>(weight & kWeightMask);
-    });
+    }
+    if (!parts.empty()) addPartsOnHost(parts, voxels, weights, host);
   }
 
   FlipsOnDevice flips() const override {
@@ -236,6 +228,44 @@ class Implementation final : public DeviceScanFuser {
   }
 
  private:
+  /// Of the voxels around one.
+  struct PartOnHost {
+    Origin leaf;
+    WindowPart window;
+    std::size_t voxel;  ///< its number
+  };
+
+  static void addPartsOnHost(std::vector<PartOnHost>& parts, std::span<const Origin> voxels,
+                             std::span<std::uint16_t> weights, FollowingMap& host) {
+    std::ranges::sort(parts, {}, &PartOnHost::leaf);
+    std::vector<LeafRecord> records;
+    std::vector<std::size_t> unobserved;
+    for (std::size_t first = 0, end = 0; first < parts.size(); first = end) {
+      records.clear();
+      for (end = first; end < parts.size(); ++end) {
+        if (end > first && parts[end].leaf == parts[end - 1].leaf) continue;
+        if (records.size() == kRecordsAtATime) break;
+        records.emplace_back().origin_ijk = parts[end].leaf;
+      }
+      host.read(records);
+      auto record = records.begin();
+      for (std::size_t p = first; p < end; ++p) {
+        const auto& [leaf, window, n] = parts[p];
+        if (record->origin_ijk != leaf) ++record;
+        const auto weightAt = [&, of = record](std::int32_t x, std::int32_t y, std::int32_t z) {
+          return static_cast<std::uint16_t>(weightOf(of->values[(x & 7) << 6 | (y & 7) << 3 | (z & 7)]));
+        };
+        const Origin& own = voxels[n];
+        if (window.holds(own.data()) && weightAt(own[0], own[1], own[2]) == 0) unobserved.push_back(n);
+        for (std::int32_t x = window.first[0]; x <= window.last[0]; ++x)
+          for (std::int32_t y = window.first[1]; y <= window.last[1]; ++y)
+            for (std::int32_t z = window.first[2]; z <= window.last[2]; ++z)
+              weights[n] = std::max(weights[n], weightAt(x, y, z));
+      }
+    }
+    for (const std::size_t n : unobserved) weights[n] = 0;
+  }
+
   /// The mirror's own: what it writes and what this writes are in order.
   [[nodiscard]] cudaStream_t stream() const { return context_->priorityStream(); }
 
@@ -516,7 +546,7 @@ class Implementation final : public DeviceScanFuser {
   Staging<LeafRecord> records_;
   DeviceArray<Origin> missed_origins_;
   Staging<Origin> asked_;
-  DeviceArray<std::uint16_t> weights_;
+  DeviceArray<std::uint32_t> weights_;
   PinnedBuffer weights_on_host_;
 
   // The scan.
