@@ -329,12 +329,7 @@ std::optional<internal::FieldGpuUse> internal::FieldAccess::gpuUse(const Accessi
 }
 
 bool internal::FieldAccess::rest(AccessibilityField& field) {
-  try {
-    field.impl_->map.cold().settle();
-    return field.impl_->map.cold().rest();
-  } catch (const std::bad_alloc&) {  // nothing is lost: it takes what it took
-    return false;
-  }
+  return field.impl_->arena.execute([&] { return field.impl_->map.cold().rest(); });
 }
 
 bool internal::FieldAccess::agesUntil(const AccessibilityField& field, double age_s) {

@@ -13,6 +13,7 @@ namespace accessvdb::internal {
 namespace {
 
 static_assert(PackedLowerNode::NUM_VALUES == kLeavesPerNode, "bins hold the leaves of whole nodes");
+static_assert(ColdLeaves::kBuckets == ReturnBins::kBuckets);
 
 openvdb::Coord coordOf(const std::array<std::int32_t, 3>& ijk) { return {ijk[0], ijk[1], ijk[2]}; }
 
@@ -38,6 +39,7 @@ BucketFusion::BucketFusion(PackedMap& map, const RegionShape& shape) : map_(map)
 
 void BucketFusion::locateNodes() {
   nodes_.clear();
+  cold_nodes_.assign(bucket_leaves_.nodes.size(), nullptr);
   for (const LeafKey key : bucket_leaves_.nodes) {
     nodes_.push_back(map_.tree().root().probeNode<PackedLowerNode>(coordOf(originOf(key))));
   }
@@ -76,7 +78,7 @@ PackedLeaf* BucketFusion::addLeaf(std::size_t in_bucket, BucketResult& result) {
   auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), coordOf(bucket_leaves_.originOf(in_bucket)));
   PackedLeaf* added = leaf.get();
   {
-    const std::lock_guard lock(*adding_);
+    const std::lock_guard lock(*leaves_mutex_);
     nodes_[number]->addChild(leaf.release());
   }
   ++result.new_leaves;
@@ -101,7 +103,7 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
 /// @return whether a fact flipped; then `change` says which
 bool BucketFusion::foldInto(PackedLeaf& leaf, LeafFusion& fusion, const Waiting& waiting, LeafChange& change,
                             BucketChanges& changes, BucketResult& result) {
-  openValues(leaf, fusion.hasSamples(), waiting, result);
+  if (fusion.hasSamples()) openValues(leaf, waiting, result);
   const std::uint32_t touched_pairs = fusion.touchedPairs();
   VoxelVotes* votes = votesFor(fusion, leaf);
   const bool flipped = fusion.fold(leaf, votes, change, result.counts);
@@ -114,17 +116,24 @@ bool BucketFusion::foldInto(PackedLeaf& leaf, LeafFusion& fusion, const Waiting&
   return flipped;
 }
 
-void BucketFusion::openValues(PackedLeaf& leaf, bool gets_values, const Waiting& waiting, BucketResult& result) {
+void BucketFusion::openValues(PackedLeaf& leaf, const Waiting& waiting, BucketResult& result) {
+  const LeafPlace place = bucket_leaves_.places[waiting.in_bucket];
+  ColdLeaves::Node& node = coldNodeOf(place.node());
   const LeafValues values(leaf);
+  if (values.plain() != nullptr) return node.touch(place.inNode());
   if (values.compact() != nullptr) {
     map_.cold().makePlain(leaf);
-  } else if (!values && gets_values) {
+  } else {
     allocateZeroed(leaf);
     ++result.allocated;
-  } else {
-    return;
   }
-  result.plain.push_back({nodes_[bucket_leaves_.places[waiting.in_bucket].node()], &leaf});
+  map_.cold().notePlain(bucket_, node, leaf);
+}
+
+ColdLeaves::Node& BucketFusion::coldNodeOf(std::uint32_t number) {
+  ColdLeaves::Node*& node = cold_nodes_[number];
+  if (node == nullptr) node = &map_.cold().nodeOf(bucket_, nodes_[number]);
+  return *node;
 }
 
 /// The same where returns are, or have been, left out: a leaf's facts are those of the map, except that what was left
@@ -193,8 +202,9 @@ void BucketFusion::keepVotes(PackedLeaf& leaf, const VoxelVotes* votes) {
 }
 
 void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,
-                        BucketResult& result, std::mutex& nodes) {
-  adding_ = &nodes;
+                        BucketResult& result, std::mutex& leaves) {
+  bucket_ = bucket;
+  leaves_mutex_ = &leaves;
   changes.facts.clear();
   changes.distances.clear();
   bins.group(bucket, bucket_leaves_);
@@ -228,8 +238,7 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
     fold(fusions_[folded % kWaiting], waiting_[folded % kWaiting], changes, result);
   }
   result.touched += summed;
-  for (const PackedLowerNode* node : nodes_)
-    if (node != nullptr) result.nodes.push_back(node);
+  map_.cold().look(bucket, leaves);
 }
 
 }  // namespace accessvdb::internal

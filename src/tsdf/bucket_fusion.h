@@ -35,8 +35,6 @@ struct BucketResult {
   std::vector<std::unique_ptr<PackedLowerNode>> new_nodes;
   /// Leaves in which what is left out has changed, with all their voxels that are left out from now on.
   std::vector<std::pair<openvdb::Coord, LeafBits>> left_out;
-  std::vector<const PackedLowerNode*> nodes;  ///< that the scan came near
-  std::vector<ColdLeaves::PlainLeaf> plain;   ///< that got values, or had compact ones
 };
 
 /// The leaves of one bucket with flipped facts and, if requested, those with changed distances.
@@ -58,10 +56,11 @@ class BucketFusion {
 
   /// Different buckets may be fused at the same time: a node's leaves are all in one.
   /// @param changes  each leaf once; cleared at the beginning
-  /// @param nodes  held while a leaf is added to a node that is in the tree
+  /// @param leaves  held while a leaf is added to a node of the tree, or gets another buffer though the scan does not
+  /// reach it
   /// @throws std::bad_alloc; then each of the bucket's leaves is unchanged or contains the scan
   void fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,
-            BucketResult& result, std::mutex& nodes);
+            BucketResult& result, std::mutex& leaves);
 
  private:
   /// How many leaves ahead of its use data is asked for. Waiting leaves' sums stay in the first-level cache; 8 was as
@@ -83,16 +82,19 @@ class BucketFusion {
   void fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result);
   bool foldInto(PackedLeaf& leaf, LeafFusion& fusion, const Waiting& waiting, LeafChange& change,
                 BucketChanges& changes, BucketResult& result);
-  void openValues(PackedLeaf& leaf, bool gets_values, const Waiting& waiting, BucketResult& result);
+  void openValues(PackedLeaf& leaf, const Waiting& waiting, BucketResult& result);
+  [[nodiscard]] ColdLeaves::Node& coldNodeOf(std::uint32_t number);
   bool foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting, LeafChange& change, BucketChanges& changes,
                          BucketResult& result);
   VoxelVotes* votesFor(const LeafFusion& fusion, const PackedLeaf& leaf);
   void keepVotes(PackedLeaf& leaf, const VoxelVotes* votes);
 
   PackedMap& map_;
-  std::mutex* adding_ = nullptr;  ///< of fuse()
+  std::size_t bucket_ = 0;  ///< of fuse(), like the next one
+  std::mutex* leaves_mutex_ = nullptr;
   BucketLeaves bucket_leaves_;
-  std::vector<PackedLowerNode*> nodes_;  ///< [bucket_leaves_.nodes] nullptr if the tree has none yet
+  std::vector<PackedLowerNode*> nodes_;        ///< [bucket_leaves_.nodes] nullptr if the tree has none yet
+  std::vector<ColdLeaves::Node*> cold_nodes_;  ///< [bucket_leaves_.nodes] nullptr: not asked for yet
   std::array<PackedLeaf*, kLeafAhead> leaves_ = {};
   std::array<Waiting, kWaiting> waiting_ = {};
   std::vector<LeafFusion> fusions_;  ///< [kWaiting]

@@ -2,194 +2,107 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/cold_leaves.h"
 
-#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <new>
-#include <thread>
-#include <utility>
 
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kMostCandidates = std::size_t{1} << 16;  ///< between two scans
 constexpr std::size_t kLeavesAtOnce = 64;
+/// How many leaves ahead of its use data is asked for.
+constexpr std::size_t kColdLeafAhead = 8, kColdValuesAhead = 3;
 
-/// A core in four; workers come to it from other work, else a busy program would never do this.
-tbb::task_arena makeArena() {
-  const int threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()) / 4);
-  return tbb::task_arena(threads, 0, tbb::task_arena::priority::high);
-}
+std::uint32_t placeOf(const PackedLeaf& leaf) { return PackedLowerNode::coordToOffset(leaf.origin()); }
 
 }  // namespace
 
-ColdLeaves::ColdLeaves() : arena_(makeArena()) {}
-
-ColdLeaves::~ColdLeaves() {
-  stops_ = true;
-  wait();
-  for (const Candidate& candidate : candidates_)
-    if (candidate.block != nullptr) CompactLeaf::free(candidate.block);
-  recycleBuffers();
+ColdLeaves::Node& ColdLeaves::nodeOf(std::size_t bucket, const PackedLowerNode* node) {
+  std::unique_ptr<Node>& found = buckets_[bucket].nodes[node];
+  if (!found) found = std::make_unique<Node>();
+  return *found;
 }
 
-void ColdLeaves::wait() {
-  arena_.execute([this] { group_.wait(); });
+void ColdLeaves::notePlain(std::size_t bucket, Node& node, PackedLeaf& leaf) noexcept {
+  Bucket& of = buckets_[bucket];
+  const std::uint32_t place = placeOf(leaf);
+  node.touched[place / 64] &= ~(std::uint64_t{1} << place % 64);
+  try {
+    of.plain[of.turn].push_back({&leaf, &node});
+  } catch (const std::bad_alloc&) {  // whoever needs the memory reports it
+  }
 }
 
-void ColdLeaves::settle() {
-  wait();
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, candidates_.size(), 1024), [&](const auto& range) {
-    std::uint64_t leaves = 0, bytes = 0;
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      Candidate& candidate = candidates_[n];
-      if (candidate.block == nullptr) continue;
-      ++leaves;
-      bytes += candidate.block->bytes;
-      candidate.buffer = putCompact(*candidate.leaf.leaf, std::exchange(candidate.block, nullptr));
-    }
-    leaves_ += leaves;
-    bytes_ += bytes;
+void ColdLeaves::look(std::size_t bucket, std::mutex& leaves) {
+  Bucket& of = buckets_[bucket];
+  of.turn = (of.turn + 1) % kPatience;
+  std::vector<Plain>& due = of.plain[of.turn];
+  const auto cold = std::partition(due.begin(), due.end(), [](const Plain& plain) {
+    const std::uint32_t place = placeOf(*plain.leaf);
+    std::uint64_t& word = plain.node->touched[place / 64];
+    const std::uint64_t bit = std::uint64_t{1} << place % 64;
+    const bool is_touched = (word & bit) != 0;
+    word &= ~bit;
+    return is_touched;
   });
+  makeCompactFrom(due, static_cast<std::size_t>(cold - due.begin()), leaves);
 }
 
-void ColdLeaves::noteScan(std::vector<const PackedLowerNode*> touched, std::vector<PlainLeaf> plain) {
-  noted_.push_back({std::move(touched), std::move(plain)});
-  begin();
+/// @param first  of the leaves that are cold; they are no longer listed
+void ColdLeaves::makeCompactFrom(std::vector<Plain>& plain, std::size_t first, std::mutex& leaves) {
+  std::array<const CompactLeaf*, kLeavesAtOnce> blocks;
+  std::array<void*, kLeavesAtOnce> buffers;
+  std::size_t done = first;
+  bool has_memory = true;
+  while (has_memory && done < plain.size()) {
+    const std::size_t begin = done;
+    std::size_t count = 0;
+    for (; done < plain.size() && done - begin < kLeavesAtOnce; ++done) {
+      if (done + kColdLeafAhead < plain.size()) prefetchRead(plain[done + kColdLeafAhead].leaf, sizeof(PackedLeaf));
+      if (done + kColdValuesAhead < plain.size()) {
+        prefetchRead(plainValues(*plain[done + kColdValuesAhead].leaf), PackedLeaf::SIZE * sizeof(PackedVoxel));
+      }
+      try {
+        blocks[done - begin] = makeCompact(plainValues(*plain[done].leaf));
+      } catch (const std::bad_alloc&) {  // the others stay; whoever needs memory reports it
+        has_memory = false;
+        break;
+      }
+    }
+    std::uint64_t bytes = 0;
+    {
+      const std::lock_guard lock(leaves);
+      for (std::size_t n = begin; n < done; ++n) {
+        const CompactLeaf* const block = blocks[n - begin];
+        if (block == nullptr) continue;  // not worth it
+        bytes += block->bytes;
+        buffers[count++] = putCompact(*plain[n].leaf, block);
+      }
+    }
+    PackedVoxel::recycle({buffers.data(), count});
+    leaves_ += count;
+    bytes_ += bytes;
+  }
+  plain.erase(plain.begin() + static_cast<std::ptrdiff_t>(first), plain.begin() + static_cast<std::ptrdiff_t>(done));
 }
 
 bool ColdLeaves::rest() {
-  if (warm_ == 0 && noted_.empty() && candidates_.empty()) return false;
-  noted_.emplace_back();
-  begin();
-  return true;
-}
-
-void ColdLeaves::notePlain(const PlainLeaf& plain) {
-  if (noted_.empty()) noted_.emplace_back();
-  noted_.back().touched.push_back(plain.node);
-  noted_.back().plain.push_back(plain);
+  tbb::parallel_for(std::size_t{0}, kBuckets, [this](std::size_t bucket) {
+    std::mutex nobodys;
+    look(bucket, nobodys);
+  });
+  return std::ranges::any_of(buckets_, [](const Bucket& bucket) {
+    return std::ranges::any_of(bucket.plain, [](const auto& plain) { return !plain.empty(); });
+  });
 }
 
 void ColdLeaves::makeAllCompact() {
-  settle();
-  while (warm_ > 0 || !noted_.empty() || !candidates_.empty()) {
-    noted_.emplace_back();
-    work();
-    settle();
+  std::mutex nobodys;
+  for (Bucket& bucket : buckets_) {
+    for (std::vector<Plain>& plain : bucket.plain) makeCompactFrom(plain, 0, nobodys);
   }
-}
-
-/// Small maps need no thread: workers that come and go cost more.
-void ColdLeaves::begin() {
-  constexpr std::size_t kFiledAtOnce = 8192;
-  std::size_t entries = 0;
-  for (const Scan& scan : noted_) entries += scan.touched.size() + scan.plain.size();
-  if (entries <= kFiledAtOnce) {
-    try {
-      fileNoted();
-    } catch (const std::bad_alloc&) {  // as in work()
-    }
-  }
-  if (noted_.empty() && cold_.empty() && candidates_.empty()) return;
-  arena_.enqueue(group_.defer([this] { work(); }));
-}
-
-void ColdLeaves::work() {
-  try {
-    recycleBuffers();
-    fileNoted();
-    chooseCandidates();
-    makeBlocks();
-  } catch (const std::bad_alloc&) {  // they stay plain; whoever needs memory reports it
-  }
-}
-
-void ColdLeaves::recycleBuffers() noexcept {
-  std::array<void*, 256> buffers;
-  std::size_t count = 0;
-  for (Candidate& candidate : candidates_) {
-    if (candidate.buffer == nullptr) continue;
-    buffers[count++] = std::exchange(candidate.buffer, nullptr);
-    if (count == buffers.size()) PackedVoxel::recycle({buffers.data(), std::exchange(count, 0)});
-  }
-  PackedVoxel::recycle({buffers.data(), count});
-}
-
-ColdLeaves::Node& ColdLeaves::warm(const PackedLowerNode* node) {
-  Node& found = nodes_[node];
-  if (!std::exchange(found.is_warm, true)) ++warm_;
-  return found;
-}
-
-void ColdLeaves::fileNoted() {
-  for (const Scan& scan : std::exchange(noted_, {})) file(scan);
-}
-
-void ColdLeaves::file(const Scan& scan) {
-  ++scan_;
-  for (const PackedLowerNode* node : scan.touched) warm(node).touched = scan_;
-  const PackedLowerNode* last = nullptr;
-  Node* node = nullptr;
-  for (const PlainLeaf& plain : scan.plain) {
-    if (plain.node != last) {
-      node = &warm(last = plain.node);
-      if (std::exchange(node->was_cold, false)) node->patience = std::min(kLonger * node->patience, kMostPatience);
-    }
-    node->plain.push_back(plain.leaf);
-  }
-  touched_.push_back(scan.touched);
-  if (touched_.size() > kPatience) findCold();
-}
-
-/// Among those that were touched kPatience scans ago.
-void ColdLeaves::findCold() {
-  for (const PackedLowerNode* node : touched_.front()) {
-    const Node& found = nodes_.at(node);
-    if (!found.is_warm || found.touched + kPatience > scan_) continue;
-    if (found.isColdAt(scan_)) {
-      cold_.push_back(node);
-    } else {
-      touched_.back().push_back(node);  // to be looked at again
-    }
-  }
-  touched_.pop_front();
-}
-
-void ColdLeaves::chooseCandidates() {
-  // Of those that were not come to, a scan may have touched some.
-  const PackedLowerNode* last = nullptr;
-  for (const auto& candidate : std::exchange(candidates_, {})) {
-    if (candidate.seen) continue;
-    Node& node = warm(candidate.leaf.node);
-    node.plain.push_back(candidate.leaf.leaf);
-    if (candidate.leaf.node != std::exchange(last, candidate.leaf.node) && node.isColdAt(scan_))
-      cold_.push_back(candidate.leaf.node);
-  }
-  while (!cold_.empty() && candidates_.size() < kMostCandidates) {
-    const PackedLowerNode* const node = cold_.front();
-    cold_.pop_front();
-    Node& found = nodes_.at(node);
-    if (!found.is_warm || !found.isColdAt(scan_)) continue;
-    candidates_.reserve(candidates_.size() + found.plain.size());  // all or none: no leaf may be listed twice
-    for (PackedLeaf* leaf : found.plain) candidates_.push_back({{node, leaf}});
-    found.plain = {};
-    found.is_warm = false;
-    found.was_cold = true;
-    --warm_;
-  }
-}
-
-void ColdLeaves::makeBlocks() {
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, candidates_.size(), kLeavesAtOnce), [this](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end() && !stops_; ++n) {
-      candidates_[n].block = makeCompact(plainValues(*candidates_[n].leaf.leaf));
-      candidates_[n].seen = true;
-    }
-  });
 }
 
 void ColdLeaves::makePlain(PackedLeaf& leaf) {

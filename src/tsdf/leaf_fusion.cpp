@@ -155,20 +155,32 @@ void LeafFusion::dropSamples() {
 void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
   const LeafValues values(leaf);
   if (!values) return;
-  if (values.compact() != nullptr) return prefetchRead(values.compact(), kCompactBytesAhead);
-  std::uint32_t pairs = touched_;
-  if (passes_ != 0) {  // fold() also looks at voxels cleared for the first time
-    pairs |= kernels_.gained_pairs(passed_, map_.confirmedIn(leaf));
+  std::uint32_t pairs = touched_ | gainedPairs(leaf);
+  if (values.compact() != nullptr) {
+    if (pairs != 0) prefetchRead(values.compact(), kCompactBytesAhead);
+    return;
   }
   for (; pairs != 0; pairs &= pairs - 1) values.prefetchPair(std::countr_zero(pairs));
+}
+
+/// Of those without samples fold() looks at voxels that are cleared for the first time.
+std::uint32_t LeafFusion::gainedPairs(const PackedLeaf& leaf) const {
+  return passes_ == 0 ? 0 : kernels_.gained_pairs(passed_, map_.confirmedIn(leaf));
 }
 
 bool LeafFusion::fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, FoldCounts& counts) {
   const auto& origin = leaf.origin();
   change.origin_ijk = {origin.x(), origin.y(), origin.z()};
   constants_.collision_mean = static_cast<std::int32_t>(map_.collisionMean());  // it may change between scans
-  const LeafTarget target = {plainValues(leaf), &leaf.getValueMask().template getWord<std::uint64_t>(0), votes,
-                             &contra_};
+  LeafValues::Room room;
+  std::uint32_t* values = nullptr;
+  if (const CompactLeaf* const compact = LeafValues(leaf).compact(); compact == nullptr) {
+    values = plainValues(leaf);
+  } else if (gainedPairs(leaf) != 0) {  // to be read only
+    compact->writeTo(room);
+    values = room;
+  }
+  const LeafTarget target = {values, &leaf.getValueMask().template getWord<std::uint64_t>(0), votes, &contra_};
   counts.cleared_updates += passes_;
   bool flipped;
   if (map_.agesFreeSpace()) {

@@ -49,7 +49,7 @@ class LeafFusion {
   /// Starts fetching the values that fold() will read. The leaf itself must be in the cache.
   void prefetchValues(const PackedLeaf& leaf) const;
 
-  /// Folds the sums into the leaf. The leaf must have a buffer if hasSamples().
+  /// Folds the sums into the leaf, whose values must be plain if hasSamples().
   /// @return true if a voxel's collides or arm_free flipped; then `change` says which
   /// @param votes  of the leaf, or those that it may get; nullptr if it has none and foundNews() is false
   bool fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, FoldCounts& counts);
@@ -63,6 +63,7 @@ class LeafFusion {
   [[nodiscard]] bool foundNews() const { return found_news_; }
 
  private:
+  [[nodiscard]] std::uint32_t gainedPairs(const PackedLeaf& leaf) const;
   void flushSums();
   void clearSums();
   void markThinBand(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray);

@@ -34,20 +34,25 @@ void CompactLeaf::free(const CompactLeaf* block) noexcept { std::free(const_cast
 
 CompactLeaf CompactLeaf::headOf(const std::uint32_t* values) {
   CompactLeaf head = {};
-  std::uint32_t least = kWeightMask, most = 0;
+  // Loops that compilers turn into vector code.
+  std::int32_t least = kWeightMask, most = 0;
+  for (std::size_t n = 0; n < PackedLeaf::SIZE; ++n) {
+    const auto weight = static_cast<std::int32_t>(weightOf(values[n]));
+    const std::int32_t if_observed = weight == 0 ? static_cast<std::int32_t>(kWeightMask) : weight;
+    most = most > weight ? most : weight;
+    least = least < if_observed ? least : if_observed;
+  }
   for (std::size_t word = 0; word < 8; ++word) {
-    std::uint64_t bits = 0;
-    for (std::size_t n = 0; n < 64; ++n) {
-      const std::uint32_t weight = weightOf(values[64 * word + n]);
-      bits |= std::uint64_t{weight != 0 ? 1U : 0U} << n;
-      most = std::max(most, weight);
-      least = std::min(least, weight == 0 ? kWeightMask : weight);
+    for (std::size_t byte = 0; byte < 8; ++byte) {
+      const std::uint32_t* const eight = values + 64 * word + 8 * byte;
+      std::uint32_t bits = 0;
+      for (std::size_t n = 0; n < 8; ++n) bits |= (weightOf(eight[n]) != 0 ? 1U : 0U) << n;
+      head.observed[word] |= std::uint64_t{bits} << 8 * byte;
     }
-    head.observed[word] = bits;
   }
   head.countVoxels();
-  head.base_weight = most == 0 ? 0 : least;
-  head.voxel_bytes = most <= head.base_weight + kMostAdded ? 3 : 4;
+  head.base_weight = most == 0 ? 0 : static_cast<std::uint32_t>(least);
+  head.voxel_bytes = static_cast<std::uint32_t>(most) <= head.base_weight + kMostAdded ? 3 : 4;
   return head;
 }
 
@@ -60,23 +65,43 @@ void CompactLeaf::countVoxels() {
 }
 
 void CompactLeaf::packVoxels(const std::uint32_t* values, std::byte* to) const {
-  for (std::size_t word = 0; word < 8; ++word) {
-    for (std::uint64_t bits = observed[word]; bits != 0; bits &= bits - 1) {
-      std::uint32_t voxel = values[64 * word + static_cast<std::size_t>(std::countr_zero(bits))];
-      if (voxel_bytes == 3) voxel = meanOf(voxel) << 4 | (weightOf(voxel) - base_weight);
-      std::memcpy(to, &voxel, voxel_bytes);
-      to += voxel_bytes;
+  const std::byte* const end = to + voxelsBytes();
+  const auto pack = [&](const auto& packed) {
+    for (std::size_t word = 0; word < 8; ++word) {
+      for (std::uint64_t bits = observed[word]; bits != 0; bits &= bits - 1) {
+        const std::uint32_t voxel = packed(values[64 * word + static_cast<std::size_t>(std::countr_zero(bits))]);
+        // The next one overwrites what is too much.
+        std::memcpy(to, &voxel, to + sizeof voxel <= end ? sizeof voxel : voxel_bytes);
+        to += voxel_bytes;
+      }
     }
+  };
+  if (voxel_bytes == 3) {
+    pack([base = base_weight](std::uint32_t voxel) { return meanOf(voxel) << 4 | (weightOf(voxel) - base); });
+  } else {
+    pack([](std::uint32_t voxel) { return voxel; });
   }
 }
 
 void CompactLeaf::writeTo(std::uint32_t* values) const {
-  std::size_t rank = 0;
-  for (std::size_t word = 0; word < 8; ++word) {
-    std::uint32_t* of_word = values + 64 * word;
-    std::fill_n(of_word, 64, 0U);
-    for (std::uint64_t bits = observed[word]; bits != 0; bits &= bits - 1)
-      of_word[std::countr_zero(bits)] = voxel(rank++);
+  const auto write = [&](const auto& unpacked) {
+    const std::byte* from = voxels();
+    for (std::size_t word = 0; word < 8; ++word) {
+      std::uint32_t* const of_word = values + 64 * word;
+      std::fill_n(of_word, 64, 0U);
+      for (std::uint64_t bits = observed[word]; bits != 0; bits &= bits - 1) {
+        std::uint32_t voxel;  // blocks end with a byte to spare
+        std::memcpy(&voxel, from, sizeof voxel);
+        from += voxel_bytes;
+        of_word[std::countr_zero(bits)] = unpacked(voxel);
+      }
+    }
+  };
+  if (voxel_bytes == 3) {
+    write(
+        [base = base_weight](std::uint32_t voxel) { return packVoxel((voxel & 0xffffff) >> 4, base + (voxel & 15)); });
+  } else {
+    write([](std::uint32_t voxel) { return voxel; });
   }
 }
 

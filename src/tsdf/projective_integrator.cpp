@@ -221,7 +221,6 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
 
   const std::size_t tasks = (leaves_.size() + kLeavesPerTask - 1) / kLeavesPerTask;
   std::vector<TaskResult> done(tasks);
-  map_.cold().settle();
   PackedTree& tree = map_.tree();
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t t) {
     Workers::Worker& worker = workers_->local.local();

@@ -8,17 +8,24 @@
 
 #include "tsdf/leaf_bits.h"
 #include "tsdf/leaf_facts.h"
+#include "tsdf/return_bins.h"
 
 namespace accessvdb::internal {
 namespace {
 
 bool anyFlip(const LeafChange& change) { return flippedVoxels(change) != 0; }
 
+void notePlain(PackedMap& map, PackedLeaf& leaf) {
+  const openvdb::Coord& origin = leaf.origin();
+  const std::size_t bucket = ReturnBins::bucketOf(leafKeyOf(origin.x() >> 3, origin.y() >> 3, origin.z() >> 3));
+  ColdLeaves& cold = map.cold();
+  cold.notePlain(bucket, cold.nodeOf(bucket, map.tree().root().probeNode<PackedLowerNode>(origin)), leaf);
+}
+
 /// Edits each leaf of the set. @param edit  (leaf, bits, its votes or nullptr)
 template <typename Edit>
 std::vector<LeafChange> edited(PackedMap& map, const VoxelSet& voxels, const Edit& edit) {
   std::vector<LeafChange> changes;
-  map.cold().settle();
   for (const LeafVoxels& part : voxels) {
     PackedLeaf* leaf = map.tree().probeLeaf(part.origin_ijk);
     if (leaf == nullptr) continue;
@@ -27,7 +34,7 @@ std::vector<LeafChange> edited(PackedMap& map, const VoxelSet& voxels, const Edi
     VoxelVotes* votes = number == 0 ? nullptr : &map.votePool()->get(number);
     const bool was_compact = LeafValues(*leaf).compact() != nullptr;
     edit(*leaf, part.bits, votes);
-    if (was_compact) map.cold().notePlain({map.tree().root().probeNode<PackedLowerNode>(part.origin_ijk), leaf});
+    if (was_compact) notePlain(map, *leaf);
     if (votes != nullptr && !votes->any()) {
       map.votePool()->remove(number);
       map.setVoteNumber(*leaf, 0);

@@ -11,7 +11,6 @@
 #include <atomic>
 #include <functional>
 #include <memory>
-#include <new>
 #include <utility>
 
 #include "hostdev/flips_hash.h"
@@ -104,11 +103,6 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   }
 
   result.contradicted_platforms = std::exchange(contradicted_platforms_, 0);
-  map_.cold().wait();
-  {
-    const std::lock_guard lock(tree_);
-    map_.cold().settle();
-  }
   reserve_.begin();
   // The largest buckets first, so that no thread starts one when the others are done.
   std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket
@@ -121,7 +115,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
       std::size_t{0}, order.size(),
       [&](std::size_t) {
         const std::size_t b = order[next++].second;
-        workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b], nodes_[b]);
+        workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b], leaves_[b]);
       },
       tbb::simple_partitioner());
 
@@ -151,10 +145,6 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   map_.observed_voxels += result.counts.newly_observed;
   if (projective_) integrateProjected(p_L, q_L[0], frame, result);
   reserve_.refill();
-  try {
-    noteTouched(buckets);
-  } catch (const std::bad_alloc&) {  // they stay plain; the scan is taken
-  }
   return result;
 }
 
@@ -167,25 +157,11 @@ void ScanIntegrator::readLeaves(std::span<const std::array<std::int32_t, 3>> ori
       ConstPackedAccessor accessor(map_.tree());
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const auto& [x, y, z] = origins_ijk[n];
-        const PackedLeaf* leaf = nullptr;
-        {
-          const std::lock_guard nodes(nodes_[ReturnBins::bucketOf(leafKeyOf(x >> 3, y >> 3, z >> 3))]);
-          leaf = accessor.probeConstLeaf({x, y, z});
-        }
-        read(n, leaf);
+        const std::lock_guard leaves(leaves_[ReturnBins::bucketOf(leafKeyOf(x >> 3, y >> 3, z >> 3))]);
+        read(n, accessor.probeConstLeaf({x, y, z}));
       }
     });
   });
-}
-
-void ScanIntegrator::noteTouched(std::span<const BucketResult> buckets) {
-  std::vector<const PackedLowerNode*> nodes;
-  std::vector<ColdLeaves::PlainLeaf> plain;
-  for (const BucketResult& bucket : buckets) {
-    nodes.insert(nodes.end(), bucket.nodes.begin(), bucket.nodes.end());
-    plain.insert(plain.end(), bucket.plain.begin(), bucket.plain.end());
-  }
-  map_.cold().noteScan(std::move(nodes), std::move(plain));
 }
 
 void ScanIntegrator::integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L,

@@ -59,15 +59,12 @@ class ScanIntegrator {
                   const std::function<void(std::size_t n, const PackedLeaf* leaf)>& read);
 
  private:
-  void noteTouched(std::span<const BucketResult> buckets);
   void integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L, const ScanFrame& frame,
                           IntegrationResult& result);
 
   PackedMap& map_;
-  /// Held to read leaves, and alone to link nodes and to give leaves other buffers.
-  std::shared_mutex tree_;
-  std::array<std::mutex, ReturnBins::kBuckets>
-      nodes_;  ///< those of each bucket, which leaves are found in, or added to
+  std::shared_mutex tree_;                               ///< held to read leaves, and alone to link nodes
+  std::array<std::mutex, ReturnBins::kBuckets> leaves_;  ///< of each bucket: BucketFusion::fuse()
   RegionShape shape_;
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;
