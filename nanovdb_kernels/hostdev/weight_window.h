@@ -22,7 +22,8 @@ struct WindowPart {
   }
 };
 
-/// @param reach  below 8  @param part  of kWindowParts: bit n says whether it is the upper leaf along axis n
+/// @param reach  at most 4: else there may be three  @param part  of kWindowParts: bit n says whether it is the upper
+/// leaf along axis n
 ACCESSVDB_HOSTDEV inline WindowPart windowPart(const std::int32_t* voxel, std::int32_t reach, int part) {
   WindowPart of;
   for (int axis = 0; axis < 3; ++axis) {

@@ -87,7 +87,7 @@ class ScanFuser {
                          const Reserve& reserve, FollowingMap& host) = 0;
 
   /// The largest weight of the voxels around each of some, up to `reach` voxels along each axis; 0 where the voxel
-  /// itself is not observed. @param voxels  [n]  @param reach  below 8  @param weights  [n] out
+  /// itself is not observed. @param voxels  [n]  @param reach  at most 4  @param weights  [n] out
   virtual void readWeights(std::span<const GridGrowth::Origin> voxels, int reach, std::span<std::uint16_t> weights,
                            FollowingMap& host) = 0;
 

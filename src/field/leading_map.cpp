@@ -21,8 +21,10 @@ namespace {
 
 constexpr std::size_t kRaysPerTask = 256;
 
+constexpr const char* kDiverged = "device.diverged";
+
 [[noreturn]] void throwDiverged() {
-  throw DeviceError("device.diverged", "cuda", "the map on the GPU is no longer that on the host",
+  throw DeviceError(kDiverged, "cuda", "the map on the GPU is no longer that on the host",
                     "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
 }
 
@@ -146,6 +148,13 @@ void LeadingMap::reserve(std::uint64_t more_bytes) {
 
 void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights) {
   static_assert(std::is_same_v<Index3, kernels::GridGrowth::Origin>);
+  // Of a map that was loaded, or that a region was removed from, all points are asked for, and the device has no
+  // values.
+  constexpr std::size_t kMany = std::size_t{1} << 19;
+  if (voxels.size() >= kMany && follower_.behind() == 0) {
+    readWeightsOfMap(map_, reach, voxels, weights);
+    return;
+  }
   const std::lock_guard lock(asking_);
   // Isolated: as in takeIntoMap().
   tbb::this_task_arena::isolate([&] {
@@ -155,6 +164,7 @@ void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::s
       if (!isOfDevice(error)) throw;
       // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
       if (error.code() == ErrorCode::Device) leave();
+      if (error.id() == kDiverged) throw;
       follower_.join();
       readWeightsOfMap(map_, reach, voxels, weights);
     }

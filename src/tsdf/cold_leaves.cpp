@@ -89,13 +89,23 @@ void ColdLeaves::makeCompactFrom(std::vector<Plain>& plain, std::size_t first, s
 }
 
 bool ColdLeaves::rest() {
+  const bool any = std::ranges::any_of(buckets_, [](const Bucket& bucket) {
+    return std::ranges::any_of(bucket.plain, [](const auto& plain) { return !plain.empty(); });
+  });
+  if (!any) return false;
+  const std::uint64_t compact_before = leaves_;
   tbb::parallel_for(std::size_t{0}, kBuckets, [this](std::size_t bucket) {
     std::mutex nobodys;
     look(bucket, nobodys);
   });
-  return std::ranges::any_of(buckets_, [](const Bucket& bucket) {
-    return std::ranges::any_of(bucket.plain, [](const auto& plain) { return !plain.empty(); });
-  });
+  return leaves_ != compact_before;
+}
+
+void ColdLeaves::forget() noexcept {
+  for (Bucket& bucket : buckets_) {
+    for (std::vector<Plain>& plain : bucket.plain) plain.clear();
+    bucket.nodes.clear();
+  }
 }
 
 void ColdLeaves::makeAllCompact() {

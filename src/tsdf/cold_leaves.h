@@ -21,7 +21,7 @@ namespace accessvdb::internal {
 
 class ColdLeaves {
  public:
-  static constexpr std::size_t kPatience = 16;  ///< scans between two looks
+  static constexpr std::size_t kPatience = 10;  ///< scans between two looks
   static constexpr std::size_t kBuckets = 256;  ///< ReturnBins::kBuckets
 
   /// Which leaves of a node of the tree, of 128^3 voxels, a scan added to since they were looked at.
@@ -43,8 +43,10 @@ class ColdLeaves {
   /// @param leaves  held while they get other buffers
   void look(std::size_t bucket, std::mutex& leaves);
 
-  /// look() at all buckets, after a scan elsewhere. @return whether leaves may become compact
+  /// look() at all buckets, after a scan elsewhere. @return whether leaves became compact
   bool rest();
+  /// After a scan that failed, whose new leaves are gone: all that are plain stay so.
+  void forget() noexcept;
   /// For tests: makes all leaves compact that are worth it.
   void makeAllCompact();
 

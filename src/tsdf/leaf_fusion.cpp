@@ -10,7 +10,7 @@ namespace accessvdb::internal {
 
 namespace {
 
-constexpr std::size_t kCompactBytesAhead = 512;  ///< of a compact leaf, fetched before it is made plain
+constexpr std::size_t kCompactBytesAhead = 512;  ///< of a compact leaf, fetched before it is read
 
 }  // namespace
 

@@ -71,7 +71,7 @@ void CompactLeaf::packVoxels(const std::uint32_t* values, std::byte* to) const {
       for (std::uint64_t bits = observed[word]; bits != 0; bits &= bits - 1) {
         const std::uint32_t voxel = packed(values[64 * word + static_cast<std::size_t>(std::countr_zero(bits))]);
         // The next one overwrites what is too much.
-        std::memcpy(to, &voxel, to + sizeof voxel <= end ? sizeof voxel : voxel_bytes);
+        std::memcpy(to, &voxel, end - to >= static_cast<std::ptrdiff_t>(sizeof voxel) ? sizeof voxel : voxel_bytes);
         to += voxel_bytes;
       }
     }

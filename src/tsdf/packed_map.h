@@ -148,7 +148,7 @@ class PackedMap {
   std::unique_ptr<FreeGenerations> generations_;
   bool grows_ = true;
   LeftOutVoxels left_out_;
-  ColdLeaves cold_;  ///< last: what it does beside reads the tree
+  ColdLeaves cold_;
 
   [[nodiscard]] std::uint32_t leastMeanAt(float distance_m) const;
 };

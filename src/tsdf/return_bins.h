@@ -4,7 +4,7 @@
 ///
 /// Two passes, both parallel and lock-free: chunks of returns write (leaf, entry) pairs into buckets by the tree node
 /// above the leaf; then each bucket is grouped by node and leaf. So all leaves of a node are in one bucket, and the
-/// thread that works on a bucket may link new leaves into the tree without synchronisation.
+/// thread that works on a bucket may link new leaves into the tree without regard to those that fuse others.
 #pragma once
 
 #include <array>

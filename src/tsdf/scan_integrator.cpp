@@ -110,18 +110,20 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   std::sort(order.begin(), order.end(), std::greater<>());
   std::array<BucketResult, ReturnBins::kBuckets> buckets;
   std::atomic<std::size_t> next = 0;
-  // A task for each, so that threads can leave for more urgent work in between.
-  tbb::parallel_for(
-      std::size_t{0}, order.size(),
-      [&](std::size_t) {
-        const std::size_t b = order[next++].second;
-        workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b], leaves_[b]);
-      },
-      tbb::simple_partitioner());
-
-  {
+  try {
+    // A task for each, so that threads can leave for more urgent work in between.
+    tbb::parallel_for(
+        std::size_t{0}, order.size(),
+        [&](std::size_t) {
+          const std::size_t b = order[next++].second;
+          workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b], leaves_[b]);
+        },
+        tbb::simple_partitioner());
     const std::lock_guard lock(tree_);
     for (BucketResult& bucket : buckets) linkNodes(map_.tree(), bucket.new_nodes);
+  } catch (...) {
+    map_.cold().forget();
+    throw;
   }
   for (BucketResult& bucket : buckets) {
     result.new_leaves += bucket.new_leaves;

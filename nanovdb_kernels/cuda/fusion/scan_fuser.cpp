@@ -32,6 +32,7 @@ constexpr std::uint64_t kSlotBytes = (kValues + kCleared + 3) * sizeof(std::uint
 /// Slots are added so many at a time, and values come from the host.
 constexpr std::uint32_t kSlotsAtATime = 4096;
 constexpr std::size_t kRecordsAtATime = 4096, kNamedAtATime = std::size_t{1} << 18;
+constexpr std::size_t kVoxelsAtATime = std::size_t{1} << 18;  ///< whose weights are read
 constexpr std::uint32_t kMostSlots = FusedLeaf::kFresh - 1;
 /// Beyond the region of a return, in voxels: bounds of regions are rounded up.
 constexpr float kRegionMargin = 16;
@@ -154,8 +155,15 @@ class Implementation final : public DeviceScanFuser {
 
   void readWeights(std::span<const Origin> voxels, int reach, std::span<std::uint16_t> weights,
                    FollowingMap& host) override {
-    if (voxels.empty()) return;
     const CurrentDevice current(context_->device());
+    for (std::size_t first = 0; first < voxels.size(); first += kVoxelsAtATime) {
+      const std::size_t count = std::min(voxels.size() - first, kVoxelsAtATime);
+      readSomeWeights(voxels.subspan(first, count), reach, weights.subspan(first, count), host);
+    }
+  }
+
+  void readSomeWeights(std::span<const Origin> voxels, int reach, std::span<std::uint16_t> weights,
+                       FollowingMap& host) {
     const DeviceList<Origin> list = asked_.send(voxels, memory_, stream());
     weights_.growWithRoom(memory_, voxels.size(), roomFor(voxels.size()), 0);
     launchReadWeights(cacheView(), list.data, list.count, reach, weights_.data(), stream());

@@ -100,7 +100,7 @@ class PretendedFuser final : public kernels::ScanFuser {
   }
   void readWeights(std::span<const Origin> voxels, int reach, std::span<std::uint16_t> weights,
                    FollowingMap&) override {
-    if (weights_fail) throw DeviceError("device.failed", "cuda", "made up", "");
+    if (!weights_fail.empty()) throw DeviceError(weights_fail, "cuda", "made up", "");
     readWeightsOfMap(of_device_->map, reach, voxels, weights);
   }
   kernels::FlipsOnDevice flips() const override { return {}; }
@@ -111,7 +111,8 @@ class PretendedFuser final : public kernels::ScanFuser {
   std::function<void(FollowingMap& host)> act;  ///< before a scan is fused
   std::uint64_t returned = 0;                   ///< leaves, for each scan
   HeldByMap begun;                              ///< what the map held before
-  bool diverges = false, weights_fail = false;
+  bool diverges = false;
+  std::string weights_fail;  ///< how; empty: they do not
 
  private:
   void note(const Origin& leaf) {
@@ -315,12 +316,21 @@ TEST_F(LeadingMapTest, WeightsAreThoseOfAllScansWhoeverReadsThem) {
   readWeightsOfMap(expected.map, 1, voxels, wanted);
   EXPECT_GT(*std::max_element(wanted.begin(), wanted.end()), 0);
   for (const bool fails : {false, true}) {
-    fuser_->weights_fail = fails;
+    fuser_->weights_fail = fails ? "device.failed" : "";
     std::vector<std::uint16_t> weights(voxels.size());
     lead_->readWeightsAt(voxels, 1, weights);
     EXPECT_EQ(weights, wanted);
     EXPECT_EQ(lead_->leads(), !fails);
   }
+}
+
+TEST_F(LeadingMapTest, WeightsOfAMapThatDiffersAreNotAnswered) {
+  for (std::size_t n = 0; n < 3; ++n) EXPECT_TRUE(fuse(n));
+  fuser_->weights_fail = "device.diverged";
+  std::vector<std::uint16_t> weights(1);
+  EXPECT_THROW(lead_->readWeightsAt(std::vector<Index3>(1), 1, weights), DeviceError);
+  EXPECT_FALSE(lead_->leads());
+  expectScans(3);
 }
 
 }  // namespace
