@@ -116,6 +116,24 @@ constexpr StreamCase kShortWide = {.seed = 33,
                                    .rays_per_frame = 1500,
                                    .orientations = "pitch:-10:10:10"};
 
+/// So few returns at a time, of places that were seen before, that most neighbourhoods near them follow what moved and
+/// are not searched again; seldom updated, what was prepared for one scan is forgotten with the next.
+constexpr StreamCase kFewReturns = {.seed = 41,
+                                    .tool = "builtin:pencil",
+                                    .voxel_size_m = 0.03,
+                                    .frames = 90,
+                                    .rays_per_frame = 250,
+                                    .max_range_m = 2.5,
+                                    .length_m = 0.1};
+constexpr StreamCase kFewReturnsSeldom = {.seed = 42,
+                                          .tool = "builtin:pencil",
+                                          .voxel_size_m = 0.03,
+                                          .scans_an_update = 2,
+                                          .frames = 90,
+                                          .rays_per_frame = 250,
+                                          .max_range_m = 2.5,
+                                          .length_m = 0.1};
+
 std::size_t blockedByTheTool(const FieldSnapshot& field) {
   return static_cast<std::size_t>(
       std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
@@ -309,6 +327,7 @@ INSTANTIATE_TEST_SUITE_P(
         StreamCase{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05, .orientations = "pitch:0:0:1"}));
 
 INSTANTIATE_TEST_SUITE_P(GroupedStreams, CudaStream, testing::Values(kGroupsOf8, kGroupsOf64));
+INSTANTIATE_TEST_SUITE_P(FewReturns, CudaStream, testing::Values(kFewReturns, kFewReturnsSeldom));
 INSTANTIATE_TEST_SUITE_P(ThickTool, CudaStream, testing::Values(kThickTool));
 INSTANTIATE_TEST_SUITE_P(HighLimit, CudaStream, testing::Values(kHighLimit));
 

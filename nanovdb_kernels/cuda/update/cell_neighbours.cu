@@ -46,8 +46,9 @@ struct Scratch {
 __device__ __noinline__ void makeNormals(const PointsView& points, const MovedView& moved, const MovedRange& range,
                                          Batch& batch) {
   if (threadIdx.x >= batch.count) return;
-  const std::uint32_t at = batch.at[threadIdx.x];
-  const float* const to_sensor = points.state.to_sensor_L + 3 * static_cast<std::size_t>(moved.ids[at]);
+  const std::uint32_t at = batch.at[threadIdx.x], id = moved.ids[at];
+  const float* const to_sensor = points.state.to_sensor_L + 3 * static_cast<std::size_t>(id);
+  if (points.state.kept != nullptr) points.state.kept[id].setSums(batch.of[threadIdx.x].sums());
   float normal[3];
   neighbourNormal(batch.of[threadIdx.x].sums(), to_sensor, normal);
   for (int axis = 0; axis < 3; ++axis) range.to[at - range.begin].normal[axis] = normal[axis];
@@ -119,7 +120,12 @@ class CellSearch {
     }
   }
 
-  /// Orders the block's moved points by cell.
+  /// Whether a moved point of the block is still to be searched.
+  [[nodiscard]] __device__ bool isLeft(std::uint32_t n) const {
+    return points_.state.kept == nullptr || range_.to[s_.first + n - range_.begin].reach_m == MovedRange::kSearched;
+  }
+
+  /// Orders the block's moved points by cell, and counts those that are still to be searched.
   __device__ void sortByCell() {
     const std::uint32_t count = s_.count;
     if (threadIdx.x <= kCells) s_.begin[threadIdx.x] = 0;
@@ -135,18 +141,21 @@ class CellSearch {
       return cell;
     };
 #pragma unroll 1
-    for (std::uint32_t n = threadIdx.x; n < count; n += kThreads) atomicAdd(&s_.begin[cellOf(n)], 1u);
+    for (std::uint32_t n = threadIdx.x; n < count; n += kThreads) {
+      if (isLeft(n)) atomicAdd(&s_.begin[cellOf(n)], 1u);
+    }
     __syncthreads();
     if (threadIdx.x == 0) {
       std::uint32_t end = 0;
 #pragma unroll 1
       for (int cell = 0; cell <= kCells; ++cell) s_.begin[cell] = end += s_.begin[cell];
+      s_.count = end;
     }
     __syncthreads();
     // From their ends to their beginnings.
 #pragma unroll 1
     for (std::uint32_t n = threadIdx.x; n < count; n += kThreads) {
-      s_.order[atomicSub(&s_.begin[cellOf(n)], 1u) - 1] = static_cast<std::uint16_t>(n);
+      if (isLeft(n)) s_.order[atomicSub(&s_.begin[cellOf(n)], 1u) - 1] = static_cast<std::uint16_t>(n);
     }
     __syncthreads();
   }
@@ -194,6 +203,12 @@ class CellSearch {
     FoundNeighbourhood& out = range_.to[at - range_.begin];
     const std::int64_t farthest = listed < wanted ? rule.radius_squared : list.farthestOf(nearest);
     if (lane_ == 0) out.reach_m = neighbourReach_m(farthest, rule.steps_per_m);
+    if (points_.state.kept != nullptr) {
+      const std::int64_t farthest_shared = list.farthestOf(sharing);
+      KeptNeighbours& kept = points_.state.kept[id];  // finish() adds the sums
+      if (lane_ == 0) kept.farthest = listed < wanted ? KeptNeighbours::kNone : farthest;
+      if (lane_ == 0) kept.farthest_shared = farthest_shared;
+    }
     storeSeen(id, list, sharing, out.seen);
     __syncwarp();  // the list is overwritten next
     return true;

@@ -34,7 +34,7 @@ class DeviceExactUpdater final : public ExactUpdater {
       : context_(std::move(context)),
         memory_(memory),
         counters_(countersOf(tables.tools.size())),
-        points_(context_, memory_, tables.neighbours),
+        points_(context_, memory_, tables.neighbours, true),
         moved_(memory_, &shared().data()->moved),
         flips_(memory_),
         busy_(memory_) {
@@ -63,7 +63,10 @@ class DeviceExactUpdater final : public ExactUpdater {
 
   void admit(const AdmitInput& input) override {
     const CurrentDevice current(context_->device());
-    if (neighbours_begun_) reset();
+    if (neighbours_begun_) {
+      points_.forgetKept(moved_.view(), stream());
+      reset();
+    }
     const std::uint32_t first_place =
         any_known_ ? moved_.addPlaces(static_cast<std::uint32_t>(input.deltas.size())) : kNoIndex;
     points_.grow(input, stream());

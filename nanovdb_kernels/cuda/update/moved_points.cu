@@ -6,7 +6,7 @@
 #include <cfloat>
 
 #include "cuda/memory/cuda_check.h"
-#include "cuda/search/warp.cuh"
+#include "cuda/update/near_blocks.cuh"
 #include "cuda/update/update_kernels.h"
 #include "hostdev/box_in_leaf.h"
 
@@ -16,32 +16,6 @@ namespace {
 constexpr unsigned kWarps = 4;
 /// Places that a warp keeps; if more lie near a block, all of its points count as moved.
 constexpr unsigned kMostPlaces = 512;
-constexpr auto kRoundingVoxels = static_cast<float>(kMeanRoundingVoxels);
-/// A squared distance in float32 is off by less than 5 x 2^-24 of its value, a squared reach by less than 2^-22.
-constexpr float kReachSlack = 1.000001f;
-
-/// Calls visit(block, squared gap in voxels) with every block near a leaf, one block per lane; all lanes call it
-/// equally often, with kNoIndex if a lane has none.
-template <class Visit>
-__device__ void forEachNear(const BlockIndexView& index, const std::int32_t* leaf, float reach_voxels, unsigned lane,
-                            const Visit& visit) {
-  const int rings = static_cast<int>(reach_voxels / 8) + 1, side = 2 * rings + 1, all = side * side * side;
-  for (int base = 0; base < all; base += static_cast<int>(kWarp)) {
-    const int n = base + static_cast<int>(lane);
-    std::uint32_t block = kNoIndex;
-    float squared = 0;
-    if (n < all) {
-      const int d[3] = {n / (side * side) - rings, n / side % side - rings, n % side - rings};
-      for (int axis = 0; axis < 3; ++axis) {
-        const int between = (d[axis] < 0 ? -d[axis] : d[axis]) - 1;
-        const float gap = between > 0 ? static_cast<float>(between) * 8 : 0;
-        squared += gap * gap;
-      }
-      if (squared <= reach_voxels * reach_voxels) block = index.find(leaf[0] + d[0], leaf[1] + d[1], leaf[2] + d[2]);
-    }
-    visit(block, squared);
-  }
-}
 
 /// One warp per touched block: finds the blocks with a point that it may matter to.
 /// @tparam kCompete  whether points compete
@@ -54,18 +28,13 @@ __global__ void reachBlocks(PointsView points, MovedView moved, CompetitionView 
     if (block == kNoIndex) return;
     const float reach_m = points.index.reach_m[block];
     if (reach_m < 0) return;
-    float reach_voxels = reach_m / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    float reach_voxels = blockReachVoxels(points, reach_m);
     if constexpr (kCompete) reach_voxels = fmaxf(reach_voxels, competition.reach_voxels);
     if (squared_gap > reach_voxels * reach_voxels) return;
     const std::uint32_t bit = 1u << (block & 31);
     if ((atomicOr(moved.places.reached_bits + (block >> 5), bit) & bit) != 0) return;
     moved.places.reached_blocks[atomicAdd(&moved.counters->reached_blocks, 1u)] = block;
   });
-}
-
-__device__ float squaredDistance(const float* a, const float* b) {
-  const float dx = a[0] - b[0], dy = a[1] - b[1], dz = a[2] - b[2];
-  return dx * dx + dy * dy + dz * dz;
 }
 
 /// Appends points of a block to the list, next to each other. All lanes call it.
@@ -124,8 +93,7 @@ __global__ void findMoved(PointsView points, MovedView moved, CompetitionView co
   for (std::uint32_t n = blockIdx.x * kWarps + warp; n < reached; n += gridDim.x * kWarps) {
     const std::uint32_t block = moved.places.reached_blocks[n];
     const std::int32_t* leaf = points.index.leaf + 3 * static_cast<std::size_t>(block);
-    const float reach_voxels =
-        points.index.reach_m[block] / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    const float reach_voxels = blockReachVoxels(points, points.index.reach_m[block]);
     if (lane == 0) count = 0;
     __syncwarp();
     const auto add = [&](const float* p) {
@@ -178,7 +146,8 @@ void launchFindMoved(const PointsView& points, const MovedView& moved, const Com
   const NeighbourRuleView& rule = points.rule;
   const double radius_m = static_cast<double>(neighbourReach_m(rule.radius_squared, rule.steps_per_m));
   const auto neighbours_voxels =
-      static_cast<float>(radius_m * rule.inverse_voxel_size * static_cast<double>(kReachSlack)) + 2 * kRoundingVoxels;
+      static_cast<float>(radius_m * rule.inverse_voxel_size * static_cast<double>(kReachSlack)) +
+      2 * static_cast<float>(kMeanRoundingVoxels);
   const float most_reach_voxels = fmaxf(neighbours_voxels, competition.reach_voxels);
   const bool compete = competition.choice.isMade();
   constexpr unsigned kThreads = kWarps * kWarp;

@@ -241,6 +241,7 @@ __device__ void makeNeighbourhood(const PointsView& points, std::uint32_t id, co
   neighbourNormal(found.sums, points.state.to_sensor_L + 3 * static_cast<std::size_t>(id), out.normal);
   out.reach_m = neighbourReach_m(found.farthest, points.rule.steps_per_m);
   out.seen = found.seen;
+  if (points.state.kept != nullptr) points.state.kept[id].farthest = KeptNeighbours::kNone;
 }
 
 /// One warp per point, as many as run at a time: few are left.

@@ -30,7 +30,7 @@ class DevicePaperUpdater final : public PaperUpdater {
         memory_(memory),
         candidates_(tables.candidates),
         counters_(memory_, stream()),
-        points_(context_, memory_, tables.neighbours),
+        points_(context_, memory_, tables.neighbours, false),
         queue_(memory_) {}
 
   void admit(const AdmitInput& input) override {

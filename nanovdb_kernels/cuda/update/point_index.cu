@@ -110,6 +110,7 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
     place.now_L[axis] = delta.mean_L[axis];
     place.before_L[axis] = delta.before_L[axis];
   }
+  place.id = delta.id;
   place.next = atomicExch(places.head + delta.block, at);
   if (place.next == kNoIndex) places.touched_blocks[atomicAdd(&moved.counters->touched_blocks, 1u)] = delta.block;
 }

@@ -13,16 +13,18 @@
 namespace accessvdb::kernels {
 
 PointTables::PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMemory& memory,
-                         const NeighbourTables& tables)
+                         const NeighbourTables& tables, bool keeps)
     : memory_(memory),
       words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)),
       multiprocessors_(context->multiprocessors()),
       by_cell_(tables.neighbours <= kMostNeighboursByCell),
+      keeps_(keeps && by_cell_),
       block_(context),
       mean_(context),
       to_sensor_(context),
       reach_(context),
-      own_seen_(context) {
+      own_seen_(context),
+      kept_(context) {
   view_.groups.log2 = tables.group_log2;
   view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
   view_.rule.inverse_voxel_size = VoxelScale(tables.voxel_size_m).inverse;
@@ -34,7 +36,7 @@ PointTables::PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMe
 }
 
 void PointTables::grow(const AdmitInput& input, cudaStream_t stream) {
-  growPoints(input.num_points);
+  growPoints(input.num_points, stream);
   growBlocks(input, stream);
   if (competition_) competition_->grow(input.num_points, input.num_blocks, stream);
   growFilled(with_points_, memory_, input.num_groups, 0, stream);
@@ -45,15 +47,18 @@ void PointTables::grow(const AdmitInput& input, cudaStream_t stream) {
   view_.groups.groups = input.num_groups;
   view_.points = input.states.front();
   view_.num_points = input.num_points;
-  view_.state = {block_.data(), mean_.data(), to_sensor_.data(), own_seen_.data(), reach_.data()};
+  view_.state = {block_.data(),    mean_.data(),  to_sensor_.data(),
+                 own_seen_.data(), reach_.data(), keeps_ ? kept_.data() : nullptr};
 }
 
-void PointTables::growPoints(std::uint32_t points) {
+void PointTables::growPoints(std::uint32_t points, cudaStream_t stream) {
   block_.grow(points);
   mean_.grow(std::size_t{3} * points);
   to_sensor_.grow(std::size_t{3} * points);
   own_seen_.grow(points * words_);
   reach_.grow(points);
+  static_assert(KeptNeighbours::kNone == -1);
+  if (keeps_) kept_.growFilled(points, 0xff, stream);
 }
 
 void PointTables::growBlocks(const AdmitInput& input, cudaStream_t stream) {
@@ -142,9 +147,14 @@ void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::u
     return;
   }
   const MovedRange range = {begin, end, to, left_.data()};
+  launchTakeOverKept(view_, moved, range, multiprocessors_, stream);
   launchNeighboursByCell(view_, moved, range, multiprocessors_, stream);
   launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);
   chooseOnSurface({moved.ids, &moved.counters->moved, begin, end - begin}, to, stream);
+}
+
+void PointTables::forgetKept(const MovedView& moved, cudaStream_t stream) const {
+  launchForgetKept(view_, moved, stream);
 }
 
 FoundNeighbourhood* PointTables::makeByCell(const MovedView& moved, const PointChunk& part, cudaStream_t stream) {

@@ -23,7 +23,9 @@ class PointTables {
   /// Most points whose neighbours are found at a time, one by one.
   static constexpr std::uint32_t kChunk = 1u << 16;
 
-  PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMemory& memory, const NeighbourTables& tables);
+  /// @param keeps  whether neighbourhoods follow what moves (hostdev/kept_neighbours.h)
+  PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMemory& memory, const NeighbourTables& tables,
+              bool keeps);
 
   /// Valid until the next grow().
   [[nodiscard]] const PointsView& view() const { return view_; }
@@ -39,7 +41,7 @@ class PointTables {
 
   /// Bytes not taken from `memory`.
   [[nodiscard]] std::uint64_t mappedBytes() const {
-    return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + own_seen_.bytes() + reach_.bytes() +
+    return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + own_seen_.bytes() + reach_.bytes() + kept_.bytes() +
            (competition_ ? competition_->mappedBytes() : 0);
   }
 
@@ -53,6 +55,8 @@ class PointTables {
 
   /// Makes room to find the neighbourhoods of this many points in chunks of up to kChunk, and to keep those of a chunk.
   void growChunks(std::uint32_t points);
+  /// The neighbourhoods of moved points that were made are not stored.
+  void forgetKept(const MovedView& moved, cudaStream_t stream) const;
   /// Makes room to find those of this many moved points near touched ones.
   void growLeft(std::uint32_t points);
   /// @param part  at most kChunk points  @param failed  see launchNearest
@@ -67,7 +71,7 @@ class PointTables {
   void makeNeighbourhoods(const PointChunk& part, std::uint32_t* failed, FoundNeighbourhood* to, cudaStream_t stream);
 
  private:
-  void growPoints(std::uint32_t points);
+  void growPoints(std::uint32_t points, cudaStream_t stream);
   void growBlocks(const AdmitInput& input, cudaStream_t stream);
   void refreshIndex(std::uint32_t blocks);
   void chooseOnSurface(const PointChunk& part, FoundNeighbourhood* found, cudaStream_t stream) const;
@@ -76,11 +80,13 @@ class PointTables {
   std::size_t words_;
   int multiprocessors_;
   bool by_cell_;  ///< whether most neighbourhoods of moved points can be made cell by cell
+  bool keeps_;
   PointsView view_;
   // By id.
   RangeArray<std::uint32_t> block_;
   RangeArray<float> mean_, to_sensor_, reach_;
   RangeArray<std::uint64_t> own_seen_;
+  RangeArray<KeptNeighbours> kept_;
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, group_of_;

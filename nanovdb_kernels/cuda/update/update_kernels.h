@@ -39,7 +39,14 @@ void launchFindMoved(const PointsView& points, const MovedView& moved, const Com
 void launchAddCrossed(const PointStateView& points, const MovedView& moved, DeviceList<PointWeight> crossed,
                       cudaStream_t stream);
 
-// nearest_points.cu and cell_neighbours.cu: make their neighbourhoods.
+// kept_neighbours.cu, cell_neighbours.cu and nearest_points.cu: make their neighbourhoods.
+
+/// Makes those of moved points that launchFindMoved has found whose neighbours are the same points; the others are
+/// marked. @param range  of the list; indices beyond its end are skipped
+void launchTakeOverKept(const PointsView& points, const MovedView& moved, const MovedRange& range, int multiprocessors,
+                        cudaStream_t stream);
+/// Forgets what is kept of all moved points, as their neighbourhoods will not be stored.
+void launchForgetKept(const PointsView& points, const MovedView& moved, cudaStream_t stream);
 
 /// @param failed  set to 1 if some neighbours were not found  @param found  [part.count] out
 void launchNearest(const PointsView& points, const PointChunk& part, std::uint32_t* failed, FoundNeighbours* found,
@@ -50,7 +57,7 @@ void launchMakeNeighbourhoods(const PointsView& points, const PointChunk& part, 
 /// With more neighbours than this, most points would be left over by launchNeighboursByCell: it looks at a tenth more
 /// than that, or a sixth, and has room for 256.
 inline constexpr int kMostNeighboursByCell = 220;
-/// Makes the neighbourhoods of moved points that launchFindMoved has found. What it cannot make is left over.
+/// Makes the neighbourhoods of the moved points that launchTakeOverKept has left. What it cannot make is left over.
 /// @param range  of the list; indices beyond its end are skipped
 void launchNeighboursByCell(const PointsView& points, const MovedView& moved, const MovedRange& range,
                             int multiprocessors, cudaStream_t stream);

@@ -10,6 +10,7 @@
 #include "cuda/search/busy_map.h"
 #include "cuda/search/hash_view.cuh"
 #include "hostdev/due_rule.h"
+#include "hostdev/kept_neighbours.h"
 #include "hostdev/known_counts.h"
 #include "hostdev/known_levels.h"
 #include "hostdev/known_slots.h"
@@ -95,6 +96,7 @@ struct NeighbourStateView {
   float* to_sensor_L = nullptr;       ///< [3 n]
   std::uint64_t* own_seen = nullptr;  ///< [words n]
   float* reach_m = nullptr;           ///< [n] negative: no neighbourhood yet
+  KeptNeighbours* kept = nullptr;     ///< [n] null: nothing is kept
 };
 
 /// Constants of neighbourhoods.
@@ -137,6 +139,7 @@ struct CompetitionView {
 struct TouchedPlace {
   float now_L[3], before_L[3];  ///< before: NaN if the point is new
   std::uint32_t next;           ///< next in the same block, or kNoIndex
+  std::uint32_t id;
 };
 /// Touched points by block.
 struct PlacesView {
@@ -188,6 +191,7 @@ struct FoundNeighbourhood {
 };
 /// Moved points [begin, end) of the list, and where their neighbourhoods go.
 struct MovedRange {
+  static constexpr float kSearched = -1;  ///< FoundNeighbourhood::reach_m of those that launchTakeOverKept leaves
   std::uint32_t begin = 0, end = 0;
   FoundNeighbourhood* to = nullptr;  ///< [end - begin]
   std::uint32_t* left = nullptr;     ///< [end - begin] out: those of them that are left over
