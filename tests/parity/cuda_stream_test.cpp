@@ -125,7 +125,7 @@ constexpr StreamCase kFewReturns = {.seed = 41,
                                     .rays_per_frame = 250,
                                     .max_range_m = 2.5,
                                     .length_m = 0.1};
-constexpr StreamCase kFewReturnsSeldom = {.seed = 42,
+constexpr StreamCase kFewReturnsSeldom = {.seed = 41,
                                           .tool = "builtin:pencil",
                                           .voxel_size_m = 0.03,
                                           .scans_an_update = 2,

@@ -48,7 +48,9 @@ __device__ __noinline__ void makeNormals(const PointsView& points, const MovedVi
   if (threadIdx.x >= batch.count) return;
   const std::uint32_t at = batch.at[threadIdx.x], id = moved.ids[at];
   const float* const to_sensor = points.state.to_sensor_L + 3 * static_cast<std::size_t>(id);
-  if (points.state.kept != nullptr) points.state.kept[id].setSums(batch.of[threadIdx.x].sums());
+  if (points.state.kept != nullptr && moved.counters->mostlyKnown()) {
+    points.state.kept[id].setSums(batch.of[threadIdx.x].sums());
+  }
   float normal[3];
   neighbourNormal(batch.of[threadIdx.x].sums(), to_sensor, normal);
   for (int axis = 0; axis < 3; ++axis) range.to[at - range.begin].normal[axis] = normal[axis];
@@ -63,6 +65,7 @@ class CellSearch {
         range_(range),
         s_(scratch),
         gatherer_(points, scratch.near),
+        keeps_(points.state.kept != nullptr && moved.counters->mostlyKnown()),
         warp_(threadIdx.x / kWarp),
         lane_(static_cast<int>(threadIdx.x % kWarp)) {}
 
@@ -122,7 +125,7 @@ class CellSearch {
 
   /// Whether a moved point of the block is still to be searched.
   [[nodiscard]] __device__ bool isLeft(std::uint32_t n) const {
-    return points_.state.kept == nullptr || range_.to[s_.first + n - range_.begin].reach_m == MovedRange::kSearched;
+    return !keeps_ || range_.to[s_.first + n - range_.begin].reach_m == MovedRange::kSearched;
   }
 
   /// Orders the block's moved points by cell, and counts those that are still to be searched.
@@ -204,10 +207,12 @@ class CellSearch {
     const std::int64_t farthest = listed < wanted ? rule.radius_squared : list.farthestOf(nearest);
     if (lane_ == 0) out.reach_m = neighbourReach_m(farthest, rule.steps_per_m);
     if (points_.state.kept != nullptr) {
-      const std::int64_t farthest_shared = list.farthestOf(sharing);
       KeptNeighbours& kept = points_.state.kept[id];  // finish() adds the sums
-      if (lane_ == 0) kept.farthest = listed < wanted ? KeptNeighbours::kNone : farthest;
-      if (lane_ == 0) kept.farthest_shared = farthest_shared;
+      if (lane_ == 0) kept.farthest = listed < wanted || !keeps_ ? KeptNeighbours::kNone : farthest;
+    }
+    if (keeps_) {
+      const std::int64_t farthest_shared = list.farthestOf(sharing);
+      if (lane_ == 0) points_.state.kept[id].farthest_shared = farthest_shared;
     }
     storeSeen(id, list, sharing, out.seen);
     __syncwarp();  // the list is overwritten next
@@ -244,6 +249,7 @@ class CellSearch {
   const MovedRange& range_;
   Scratch& s_;
   PointGatherer gatherer_;
+  bool keeps_;  ///< whether sums are kept
   unsigned warp_;
   int lane_;
   std::uint32_t collected_ = 0;  ///< at most this many are in the batch; the same for all threads

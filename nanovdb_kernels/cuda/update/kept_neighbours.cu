@@ -56,6 +56,7 @@ __global__ void __launch_bounds__(kThreads) takeOverKept(PointsView points, Move
   __shared__ TouchedNear all_touched[kWarps];
   const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   TouchedNear& touched = all_touched[warp];
+  if (!moved.counters->mostlyKnown()) return;
   const std::uint32_t blocks = moved.counters->moved_blocks;
   for (std::uint32_t n = blockIdx.x * kWarps + warp; n < blocks; n += gridDim.x * kWarps) {
     const MovedBlock of = moved.blocks[n];

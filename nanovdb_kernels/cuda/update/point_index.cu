@@ -111,6 +111,8 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
     place.before_L[axis] = delta.before_L[axis];
   }
   place.id = delta.id;
+  atomicAdd(&moved.counters->touched, 1u);
+  if (isnan(delta.before_L[0])) atomicAdd(&moved.counters->touched_new, 1u);
   place.next = atomicExch(places.head + delta.block, at);
   if (place.next == kNoIndex) places.touched_blocks[atomicAdd(&moved.counters->touched_blocks, 1u)] = delta.block;
 }

@@ -33,6 +33,9 @@ struct MovedCounters {
   std::uint32_t moved, touched_blocks, reached_blocks, failed, prepared;
   std::uint32_t moved_blocks;      ///< length of MovedView::blocks
   std::uint32_t next_block, left;  ///< of one search through them: the next one, and points left over
+  std::uint32_t touched, touched_new;
+  /// Whether most touched points were there before: else hardly any neighbourhood has the same points as before.
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool mostlyKnown() const { return 2 * touched_new <= touched; }
 };
 /// State of one search.
 struct SearchCounters {
@@ -191,7 +194,9 @@ struct FoundNeighbourhood {
 };
 /// Moved points [begin, end) of the list, and where their neighbourhoods go.
 struct MovedRange {
-  static constexpr float kSearched = -1;  ///< FoundNeighbourhood::reach_m of those that launchTakeOverKept leaves
+  /// FoundNeighbourhood::reach_m of those that launchTakeOverKept leaves; where they are not mostlyKnown(), it leaves
+  /// all.
+  static constexpr float kSearched = -1;
   std::uint32_t begin = 0, end = 0;
   FoundNeighbourhood* to = nullptr;  ///< [end - begin]
   std::uint32_t* left = nullptr;     ///< [end - begin] out: those of them that are left over
