@@ -120,17 +120,17 @@ constexpr StreamCase kShortWide = {.seed = 33,
 /// are not searched again; seldom updated, what was prepared for one scan is forgotten with the next.
 constexpr StreamCase kFewReturns = {.seed = 41,
                                     .tool = "builtin:pencil",
-                                    .voxel_size_m = 0.03,
-                                    .frames = 90,
-                                    .rays_per_frame = 250,
+                                    .voxel_size_m = 0.05,
+                                    .frames = 60,
+                                    .rays_per_frame = 1500,
                                     .max_range_m = 2.5,
                                     .length_m = 0.1};
 constexpr StreamCase kFewReturnsSeldom = {.seed = 41,
                                           .tool = "builtin:pencil",
                                           .voxel_size_m = 0.03,
                                           .scans_an_update = 2,
-                                          .frames = 90,
-                                          .rays_per_frame = 250,
+                                          .frames = 60,
+                                          .rays_per_frame = 4000,
                                           .max_range_m = 2.5,
                                           .length_m = 0.1};
 
@@ -371,6 +371,24 @@ FieldSnapshot busyStream(const StreamCase& c, std::uint64_t tests, Risen* risen 
 }
 
 /// Checks that it contains what the sanitizers must see: searches that count a thick tool by its slabs. Needs no GPU.
+/// MovedCounters::mostlyKnown(): else all would be searched.
+TEST(FewReturns, AreMostlyOfPointsThatWereThere) {
+  for (const StreamCase& c : {kFewReturns, kFewReturnsSeldom}) {
+    const WalkGenerator walk = walkOf(c);
+    AccessibilityField field = fieldOn(c, BackendKind::Cpu);
+    int mostly_known = 0;
+    std::uint64_t points = 0;
+    for (int frame = 0; frame < c.frames; ++frame) {
+      const WalkFrame scan = walk.frame(frame);
+      const FrameStats stats = field.integrateScan(scan.points_S, scan.T_W_S);
+      // Some returns share a point.
+      mostly_known += 3 * (stats.surface_points - points) < stats.points_used ? 1 : 0;
+      points = stats.surface_points;
+    }
+    EXPECT_GT(mostly_known, c.frames / 2);
+    EXPECT_GT(points, 500U);
+  }
+}
 TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
   const internal::ToolSlabs slabs = slabsOf(kShortStream);
   ASSERT_FALSE(slabs.empty());
