@@ -17,7 +17,7 @@ struct alignas(16) KeptNeighbours {
   static constexpr std::int64_t kNone = -1;
 
   std::int64_t farthest;         ///< squared distance, steps, when they were searched; kNone: nothing is kept
-  std::int64_t farthest_shared;  ///< of those whose views count; kNone: there are none
+  std::int64_t farthest_shared;  ///< of those whose views count; 0 if there are none
   std::int64_t xx, xy, xz, yy, yz, zz;
   std::int32_t x, y, z, count;  ///< offsets are at most 2^20 steps each, of at most 500 neighbours
 

@@ -26,7 +26,8 @@ class MovedTables {
   }
 
   void grow(std::uint32_t points, std::uint32_t blocks, cudaStream_t stream);
-  /// Makes room for `more` places of touched points. @return the first of them
+  /// Makes room for `more` places of touched points, of each no more than one until clear(): what is kept of neighbours
+  /// follows each. @return the first of them
   std::uint32_t addPlaces(std::uint32_t more);
   /// Finds the points near those places, and those that compete with them.
   void find(const PointsView& points, const CompetitionView& competition, cudaStream_t stream);

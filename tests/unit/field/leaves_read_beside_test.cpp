@@ -38,18 +38,22 @@ struct ReadScan {
   std::vector<Eigen::Vector3f> p_L, q_L;
 };
 
-ReadScan scanAt(float x, unsigned seed) {
+/// Of a rough surface at a height, from above. The map's nodes are 2.56 m high.
+ReadScan scanAt(float height_m, unsigned seed) {
   std::mt19937 random(seed);
   const auto uniform = [&](float low, float high) {
     return low + (high - low) * static_cast<float>(random() % 65536) / 65536.0f;
   };
   ReadScan scan;
-  scan.q_L.emplace_back(x, 0.1f, 1.8f);
+  scan.q_L.emplace_back(0.1f, 0.1f, height_m + 1.8f);
   for (int n = 0; n < 200; ++n) {
-    scan.p_L.emplace_back(x + uniform(-0.6f, 0.6f), uniform(-0.6f, 0.6f), uniform(-0.08f, 0.08f));
+    scan.p_L.emplace_back(uniform(-0.6f, 0.6f), uniform(-0.6f, 0.6f), height_m + uniform(-0.08f, 0.08f));
   }
   return scan;
 }
+constexpr float kRead = 1.3f, kLower = 0.5f;
+/// Whether no scan at the lower height reaches a leaf.
+bool isUpper(const Origin& origin) { return origin[2] >= 48; }
 
 std::vector<Origin> leavesOf(const PackedMap& map) {
   std::vector<Origin> origins;
@@ -80,7 +84,7 @@ std::map<Origin, Values> valuesOf(const PackedMap& map, const std::vector<Origin
 /// second.
 TEST(LeavesReadBeside, WaitForNoScan) {
   ReadMap of;
-  const ReadScan first = scanAt(0, 1), second = scanAt(1.5f, 2);
+  const ReadScan first = scanAt(kRead, 1), second = scanAt(kLower, 2);
   of.integrator.integrate(first.p_L, first.q_L);
   const std::map<Origin, Values> before = valuesOf(of.map, leavesOf(of.map));
   std::binary_semaphore inside{0}, go{0};
@@ -94,7 +98,7 @@ TEST(LeavesReadBeside, WaitForNoScan) {
   inside.acquire();
   std::vector<Origin> elsewhere;  // than where the second scan reaches
   for (const auto& [origin, values] : before) {
-    if (origin[0] < 0) elsewhere.push_back(origin);
+    if (isUpper(origin)) elsewhere.push_back(origin);
   }
   ASSERT_GT(elsewhere.size(), before.size() / 4);
   std::vector<Values> read(elsewhere.size());
@@ -109,8 +113,9 @@ TEST(LeavesReadBeside, WaitForNoScan) {
   }
 }
 
-/// Scans at two places that share nodes, in turn, so that leaves of one become compact while the other gets scans and
-/// new leaves; those of the first are read. Oracle: a map that takes one scan after the other.
+/// Scans at two heights that share nodes, even words of their masks, in turn, so that leaves of the upper one become
+/// compact while the other gets scans and new leaves; the upper ones are read. Oracle: a map that takes one scan after
+/// the other.
 TEST(LeavesReadBeside, AreAsTheLatestScanLeftThem) {
   ReadMap of, stepwise;
   unsigned seed = 0;
@@ -118,15 +123,15 @@ TEST(LeavesReadBeside, AreAsTheLatestScanLeftThem) {
   std::size_t reads = 0;
   for (int round = 0; round < 6; ++round) {
     for (int n = 0; n < 3; ++n) {
-      const ReadScan scan = scanAt(0, ++seed);
+      const ReadScan scan = scanAt(kRead, ++seed);
       for (ReadMap* each : {&of, &stepwise}) each->integrator.integrate(scan.p_L, scan.q_L);
     }
     std::vector<ReadScan> others;
-    for (int n = 0; n < 25; ++n) others.push_back(scanAt(1.5f + 0.2f * static_cast<float>(n % 5), ++seed));
+    for (int n = 0; n < 25; ++n) others.push_back(scanAt(kLower - 0.05f * static_cast<float>(n % 5), ++seed));
     for (const ReadScan& scan : others) stepwise.integrator.integrate(scan.p_L, scan.q_L);
     std::vector<Origin> origins;
     for (const Origin& origin : leavesOf(stepwise.map)) {
-      if (origin[0] < 0) origins.push_back(origin);
+      if (isUpper(origin)) origins.push_back(origin);
     }
     const std::map<Origin, Values> wanted = valuesOf(stepwise.map, origins);
     std::atomic<bool> ends = false;
