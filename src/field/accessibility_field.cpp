@@ -329,7 +329,11 @@ std::optional<internal::FieldGpuUse> internal::FieldAccess::gpuUse(const Accessi
 }
 
 bool internal::FieldAccess::rest(AccessibilityField& field) {
-  return field.impl_->arena.execute([&] { return field.impl_->map.cold().rest(); });
+  try {
+    return field.impl_->arena.execute([&] { return field.impl_->map.cold().rest(); });
+  } catch (const std::bad_alloc&) {  // nothing is lost: it takes what it took
+    return false;
+  }
 }
 
 bool internal::FieldAccess::agesUntil(const AccessibilityField& field, double age_s) {
