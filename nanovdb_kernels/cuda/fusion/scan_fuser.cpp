@@ -277,37 +277,50 @@ class Implementation final : public DeviceScanFuser {
   /// The mirror's own: what it writes and what this writes are in order.
   [[nodiscard]] cudaStream_t stream() const { return context_->priorityStream(); }
 
+  /// [voxels]
+  struct Extent {
+    double low = std::numeric_limits<double>::max(), high = std::numeric_limits<double>::lowest();
+
+    void add(double base, double to_end) {
+      low = std::min(low, std::min(base, base + to_end));
+      high = std::max(high, std::max(base, base + to_end));
+    }
+  };
   /// @throws ResourceLimit  the scan is too large
   [[nodiscard]] LeafKeys keysFor(std::span<const ReturnRay> rays, std::uint32_t balls) const {
-    std::array<double, 3> low, high;
-    low.fill(std::numeric_limits<double>::max());
-    high.fill(std::numeric_limits<double>::lowest());
     const RegionConstants& region = setting_.region;
     // No less than there are: leaves of the cube around a return, and of each layer along its ray.
     const auto cubeOf = [](float voxels) { return std::pow(static_cast<double>(voxels) / 8 + 3, 3); };
     const double across = std::pow(static_cast<double>(region.band_radius) / 2 + 4, 2) + 3,
-                 of_return = cubeOf(2 * region.tau);
-    double pairs = balls * cubeOf(2 * region.ball_radius);
-    for (std::size_t n = 0; n < rays.size(); ++n) {
-      const ReturnRay& ray = rays[n];
-      const bool is_ball = n >= rays.size() - balls;
-      const float length = is_ball ? 0 : std::min(std::max(region.band_end, region.line_end), ray.range);
-      if (!is_ball) pairs += of_return + (static_cast<double>(length) / 8 + 3) * across;
-      const float around = is_ball ? region.ball_radius : std::max(region.tau, region.band_radius);
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double end = static_cast<double>(length) * static_cast<double>(ray.to_sensor[axis]);
-        const double margin = static_cast<double>(around + kRegionMargin);
-        low[axis] = std::min(low[axis], ray.base_ijk[axis] + std::min(0.0, end) - margin);
-        high[axis] = std::max(high[axis], ray.base_ijk[axis] + std::max(0.0, end) + margin);
-      }
+                 of_return = cubeOf(2 * region.tau) + 3 * across;
+    const float longest = std::max(region.band_end, region.line_end);
+    Extent x, y, z;  // apart, and not in an array: the loop waits for nothing then
+    double lengths = 0;
+    const auto add = [&](const ReturnRay& ray, double length) {
+      x.add(ray.base_ijk[0], length * static_cast<double>(ray.to_sensor[0]));
+      y.add(ray.base_ijk[1], length * static_cast<double>(ray.to_sensor[1]));
+      z.add(ray.base_ijk[2], length * static_cast<double>(ray.to_sensor[2]));
+    };
+    for (const ReturnRay& ray : rays.first(rays.size() - balls)) {
+      const auto length = static_cast<double>(std::min(longest, ray.range));
+      lengths += length;
+      add(ray, length);
     }
+    for (const ReturnRay& ball : rays.last(balls)) add(ball, 0);
+    const double pairs = static_cast<double>(rays.size() - balls) * of_return + lengths / 8 * across +
+                         balls * cubeOf(2 * region.ball_radius);
     if (pairs > std::numeric_limits<std::int32_t>::max()) throwTooLarge();
+    if (rays.empty()) return {};
+    const double margin =
+        static_cast<double>(std::max({region.tau, region.band_radius, region.ball_radius}) + kRegionMargin);
     LeafKeys keys;
     std::uint64_t uppers = 1;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      keys.low[axis] = static_cast<std::int32_t>(std::floor(low[axis] / 4096));
-      keys.size[axis] =
-          static_cast<std::uint32_t>(static_cast<std::int64_t>(std::floor(high[axis] / 4096)) - keys.low[axis] + 1);
+      const Extent& along = axis == 0 ? x : axis == 1 ? y : z;
+      const auto blockOf = [](double voxels) { return static_cast<std::int64_t>(std::floor(voxels / 4096)); };
+      const std::int64_t low = blockOf(along.low - margin), high = blockOf(along.high + margin);
+      keys.low[axis] = static_cast<std::int32_t>(low);
+      keys.size[axis] = static_cast<std::uint32_t>(high - low + 1);
       uppers *= keys.size[axis];
       if (uppers > std::numeric_limits<std::uint32_t>::max()) throwTooLarge();
     }
