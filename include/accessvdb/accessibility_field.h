@@ -191,8 +191,8 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] Eigen::Vector3d origin_W() const;            ///< of the local frame; set by the first scan
   [[nodiscard]] MemoryUse memoryUse() const;
   [[nodiscard]] std::string deviceName() const;  ///< "cpu" or "cuda:NAME"
-  [[nodiscard]] std::string deviceNote() const;  ///< why BackendKind::Auto is not on a GPU; else empty
-  /// The id behind that note, as of an Error: "device.no_driver", "device.not_built", "device.architecture", ...
+  [[nodiscard]] std::string deviceNote() const;  ///< why Auto is not on a GPU, or that its map was made again; or empty
+  /// The id behind that note, as of an Error: "device.no_driver", "device.not_built", "device.diverged" (made again)
   [[nodiscard]] std::string deviceNoteId() const;
   [[nodiscard]] double toolShareHidden() const;  ///< inside the self-exclusion; of all tools and turns
   /// [n_c] Fewest collisions that block a direction. @throws InvalidArgument "tool.index"

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "field/frame_loop.h"
 #include "field/new_thing_margin.h"
 #include "field/point_weights.h"
 
@@ -61,7 +62,9 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
     if (!lead || !lead->leads()) scheduler->noteChange(part, change);
   });
   steps.catchUpBy([this] {
-    if (lead) lead->catchUp();
+    if (!lead) return;
+    lead->catchUp();
+    if (lead->diverged()) arena.execute([this] { makeDeviceAgain(*this); });
   });
 }
 
@@ -91,7 +94,11 @@ void FieldStages::stopLeading() {
 }
 
 void FieldStages::leadAgain() {
-  if (!lead || !map.grows() || !map.leftOut().empty()) return;
+  if (lead) beginToLead();
+}
+
+void FieldStages::beginToLead() {
+  if (!map.grows() || !map.leftOut().empty()) return;
   lead.reset();
   try {
     lead = makeLead();

@@ -66,6 +66,8 @@ struct FieldStages {
   /// After stopLeading(), once the host has changed the map: the device leads again if it may and has room. It knows
   /// nothing of voxels that were left out.
   void leadAgain();
+  /// The same of a device that holds nothing of the map yet.
+  void beginToLead();
 
   /// Waits for the update and for the host's map, which still need all members.
   ~FieldStages() { steps.settle(); }
@@ -90,6 +92,7 @@ struct FieldStages {
   Mirrors mirrors;
   GonePoints gone_points;
   std::unique_ptr<LeadingMap> lead;  ///< null: the host fuses first
+  int times_made_again = 0;          ///< makeDeviceAgain()
   ToolsOfField tools;
   PointStore& points;  ///< the first tool's, to which the frame loop adds returns
   MapReads map_reads;  ///< what points see of the map; where something has gone, see the tools' reads

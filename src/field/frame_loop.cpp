@@ -3,6 +3,7 @@
 #include "field/frame_loop.h"
 
 #include <array>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -153,6 +154,7 @@ double endScan(FieldStages& field, ScanUnderWay& under_way, const Open& open) {
   };
   runBeside([&] { scheduler.prepare(field.mirrors.grid()); }, mirror);
   if (ahead && !field.lead->pays()) field.stopLeading();
+  if (field.lead && field.lead->diverged()) makeDeviceAgain(field);
   return noting_ms;
 }
 
@@ -262,6 +264,29 @@ FrameStats endScan(FieldStages& field, std::span<const OpenedLeaf> opened) {
   const FrameStats of_scan = stats;
   field.under_way.reset();
   return of_scan;
+}
+
+void makeDeviceAgain(FieldStages& field) {
+  // A device of which the memory fails again and again is of no use.
+  constexpr int kMostTimes = 3;
+  field.lead->stop();
+  if (++field.times_made_again > kMostTimes || !field.map.leftOut().empty()) throwDiverged();
+  field.chosen.note_id = "device.diverged";
+  field.chosen.note = "the map on the GPU was no longer that on the host, so it was made again (" +
+                      std::to_string(field.times_made_again) + " times so far)";
+  field.views.expire();
+  field.scheduler.reset();  // it reads what flipped on the device
+  field.lead.reset();
+  field.tools.forget();
+  field.mirrors.makeFactsAgain();
+  field.scheduler = field.tools.makeScheduler();
+  field.scheduler->noteRestored();
+  field.beginToLead();
+  field.labels.current = false;
+  if (!field.labels.updated) return;
+  while (update(field, {}).backlog > 0) {
+  }
+  field.labels.current = true;
 }
 
 void publishWithheld(FieldStages& field) {

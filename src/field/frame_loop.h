@@ -33,6 +33,12 @@ void advanceTime(FieldStages& field, std::optional<double> latest_s, double age_
 /// Points that are unscored whatever their state says are so from now on: at each update.
 void publishWithheld(FieldStages& field);
 
+/// Call when the host's map has all scans and LeadingMap::diverged(), inside the arena, while no update runs. All that
+/// the device has is made again from the host: its map, and what it found out about the points; then it leads again. If
+/// there were labels, they are brought up to date.
+/// @throws DeviceError "device.diverged"  it happened too often, or voxels were left out of the map
+void makeDeviceAgain(FieldStages& field);
+
 /// Brings the labels up to date, at once or on a thread of its own.
 UpdateStats updateLabels(FieldStages& field);
 UpdateTicket updateLabelsAsync(FieldStages& field);

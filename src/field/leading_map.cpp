@@ -23,12 +23,12 @@ constexpr std::size_t kRaysPerTask = 256;
 
 constexpr const char* kDiverged = "device.diverged";
 
-[[noreturn]] void throwDiverged() {
+}  // namespace
+
+void throwDiverged() {
   throw DeviceError(kDiverged, "cuda", "the map on the GPU is no longer that on the host",
                     "Check the memory of the GPU (nvidia-smi), or use BackendKind::Cpu");
 }
-
-}  // namespace
 
 HeldByMap heldBy(const PackedMap& map) {
   HeldByMap held;
@@ -90,12 +90,13 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
         rays_, 0, space_, [this](std::uint64_t more_bytes) { reserve(more_bytes); }, *this);
   } catch (const ResourceLimit&) {
     leave();
-    if (follower_.diverged()) {
-      integrator_.integrate(p_L, q_L, frame);
-      requireEqualMaps();
-    }
     return std::nullopt;
-  } catch (const DeviceError&) {
+  } catch (const DeviceError& error) {
+    if (error.id() == kDiverged) {
+      differs_ = true;
+      leave();
+      return std::nullopt;
+    }
     takeOnHost(p_L, q_L, frame);
     throw;
   }
@@ -112,15 +113,7 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
   scan_.q_L.assign(q_L.begin(), q_L.end());
   scan_.frame = frame;
   follower_.take(scan_, fused.flips_hash);
-  requireEqualMaps();
   return fused;
-}
-
-/// So far: of scans that the host's map has not got yet nothing is known.
-void LeadingMap::requireEqualMaps() {
-  if (!follower_.diverged()) return;
-  leave();
-  throwDiverged();
 }
 
 void LeadingMap::takeOnHost(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
@@ -164,7 +157,7 @@ void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::s
       if (!isOfDevice(error)) throw;
       // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
       if (error.code() == ErrorCode::Device) leave();
-      if (error.id() == kDiverged) throw;
+      if (error.id() == kDiverged) differs_ = true;
       follower_.join();
       readWeightsOfMap(map_, reach, voxels, weights);
     }
@@ -195,15 +188,10 @@ void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
 void LeadingMap::catchUp() {
   follower_.join();
   knows_space_ = false;
-  requireEqualMaps();
 }
 
-void LeadingMap::stop() {
-  leave();
-  requireEqualMaps();
-}
+void LeadingMap::stop() { leave(); }
 
-/// The device no longer leads, whatever its map is.
 void LeadingMap::leave() {
   follower_.join();
   knows_space_ = false;

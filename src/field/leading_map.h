@@ -33,6 +33,9 @@ struct HeldByMap {
 [[nodiscard]] HeldByMap heldBy(const PackedMap& map);
 
 /// For one thread at a time, as the field.
+/// @throws DeviceError "device.diverged"
+[[noreturn]] void throwDiverged();
+
 class LeadingMap final : private kernels::FollowingMap {
  public:
   /// Whether a device may lead at all with these parameters.
@@ -51,7 +54,8 @@ class LeadingMap final : private kernels::FollowingMap {
   /// Prepares fuse(), of the same returns, beside an update.
   void prepare(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   /// Fuses a scan into the mirror of facts, and gives it to the host's map. No update may read the mirror meanwhile.
-  /// @return nothing if there is no room on the device: then it no longer leads, and the scan is in neither map
+  /// @return nothing if there is no room on the device, or its map differs: then it no longer leads, and the scan is in
+  /// neither map
   /// @throws DeviceError  then the host's map has the scan nevertheless
   [[nodiscard]] std::optional<kernels::FusedScan> fuse(std::span<const Eigen::Vector3f> p_L,
                                                        std::span<const Eigen::Vector3f> q_L, const ScanFrame& frame);
@@ -62,11 +66,14 @@ class LeadingMap final : private kernels::FollowingMap {
 
   /// Waits until the host's map has all scans; then it and the mirror may be changed, but no values that the device may
   /// hold: for that stop().
-  /// @throws what failed on the host; DeviceError "device.diverged" if its map turned out to be another one than the
-  /// device's, and then the device no longer leads
+  /// @throws what failed on the host
   void catchUp();
   /// The same, and the device no longer leads.
   void stop();
+
+  /// Whether the host's map turned out to be another one than the device's. So far: of scans that it has not got yet
+  /// nothing is known. The mirror, and what was found out with it, are wrong then.
+  [[nodiscard]] bool diverged() const { return differs_ || follower_.diverged().has_value(); }
 
   /// Gives back the device's memory. Only once it no longer leads.
   void forgetDevice() { fuser_.reset(); }
@@ -85,13 +92,13 @@ class LeadingMap final : private kernels::FollowingMap {
 
   [[nodiscard]] std::uint64_t takeIntoMap(const MapFollower::Scan& scan);
   void leave();
-  void requireEqualMaps();
   void reserve(std::uint64_t more_bytes);
 
   PackedMap& map_;
   ScanIntegrator& integrator_;
   NanoVdbMirror& facts_;
-  std::atomic<bool> leads_ = true;  ///< an update beside a scan may find that the device failed
+  std::atomic<bool> leads_ = true;     ///< an update beside a scan may find that the device failed
+  std::atomic<bool> differs_ = false;  ///< the device asked for what the host's map does not have
   ReturningValues returning_;
   std::vector<kernels::ReturnRay> rays_;
   bool prepared_ = false;

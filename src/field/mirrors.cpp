@@ -12,7 +12,7 @@ Mirrors::Mirrors(kernels::Backend& backend, const PackedMap& map, const FieldPar
       map_(map),
       voxel_size_m_(resolved.tsdf.voxel_size_m),
       truncation_distance_m_(static_cast<float>(resolved.tsdf.truncation_distance_m)),
-      facts_(backend.makeArena(), voxel_size_m_) {
+      facts_(std::in_place, backend.makeArena(), voxel_size_m_) {
   if (resolved.mirror_distance) distances_ = makeDistances();
 }
 
@@ -23,8 +23,8 @@ std::unique_ptr<DistanceMirror> Mirrors::makeDistances() const {
 }
 
 void Mirrors::take(const MapChangesOfScan& changes, FrameStats& stats) {
-  if (!changes.aged.empty()) facts_.applyLists(changes.aged);
-  if (!changes.opened.empty()) facts_.apply(changes.opened);
+  if (!changes.aged.empty()) facts_->applyLists(changes.aged);
+  if (!changes.opened.empty()) facts_->apply(changes.opened);
   takeFacts(changes.fused.changes, stats);
   if (distances_) takeDistances(changes, stats);
 }
@@ -46,14 +46,14 @@ void Mirrors::takeDistances(const MapChangesOfScan& changes, FrameStats& stats) 
 
 void Mirrors::takeFacts(std::span<const std::span<const LeafChange>> facts, FrameStats& stats) {
   const kernels::Stopwatch mirroring;
-  facts_.applyLists(facts);
+  facts_->applyLists(facts);
   for (const auto& part : facts) stats.changed_leaves += part.size();
-  stats.mirror_bytes = facts_.lastTraffic().bytes_written;
+  stats.mirror_bytes = facts_->lastTraffic().bytes_written;
   stats.mirror_ms = mirroring.milliseconds();
 }
 
 void Mirrors::take(std::span<const LeafChange> facts, std::span<const PackedLeaf* const> leaves) {
-  facts_.apply(facts);
+  facts_->apply(facts);
   if (!distances_) return;
   std::vector<DistanceChange> distances;
   const auto rooms = std::make_unique_for_overwrite<LeafValues::Room[]>(leaves.size());
@@ -62,8 +62,15 @@ void Mirrors::take(std::span<const LeafChange> facts, std::span<const PackedLeaf
   distances_->apply(distances);
 }
 
+void Mirrors::makeFactsAgain() {
+  // Never two of them at once.
+  facts_.reset();
+  facts_.emplace(backend_.makeArena(), voxel_size_m_);
+  forEachPartOfFacts(map_, [this](auto facts) { facts_->apply(facts); });
+}
+
 void Mirrors::takeRemoved(std::span<const LeafChange> facts, bool distances_too) {
-  facts_.apply(facts);
+  facts_->apply(facts);
   if (!distances_ || !distances_too) return;
   distances_.reset();
   distances_ = makeDistances();

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -38,12 +39,12 @@ class Mirrors {
   Mirrors(kernels::Backend& backend, const PackedMap& map, const FieldParams& resolved);
 
   /// In the backend's memory.
-  [[nodiscard]] const kernels::OccupancyGrid* grid() const { return facts_.grid(); }
+  [[nodiscard]] const kernels::OccupancyGrid* grid() const { return facts_->grid(); }
   /// Null if there is no mirror of distances.
   [[nodiscard]] const DistanceMirror::Grid* distanceGrid() const { return distances_ ? distances_->grid() : nullptr; }
   [[nodiscard]] bool mirrorsDistances() const { return distances_ != nullptr; }
   /// For those who switch its bits for a moment.
-  [[nodiscard]] NanoVdbMirror& facts() { return facts_; }
+  [[nodiscard]] NanoVdbMirror& facts() { return *facts_; }
 
   /// Call when the map has all of the scan. @param stats  of the mirrors, filled in
   void take(const MapChangesOfScan& changes, FrameStats& stats);
@@ -51,13 +52,16 @@ class Mirrors {
   void takeFacts(std::span<const std::span<const LeafChange>> facts, FrameStats& stats);
   /// Leaves of a saved map, or what was left out of one. @param leaves  of the map, maybe without distances
   void take(std::span<const LeafChange> facts, std::span<const PackedLeaf* const> leaves);
+  /// Makes the mirror of facts again, from the map, whatever was written to it; readers of the one before must have
+  /// ended. Only where the map has all scans and nothing was left out, and without a mirror of distances.
+  void makeFactsAgain();
   /// After a removal, which may also have taken distances away. That mirror cannot, so it is made again.
   void takeRemoved(std::span<const LeafChange> facts, bool distances_too);
 
-  [[nodiscard]] std::uint64_t factBytes() const { return facts_.usedBytes() + facts_.hostBytes(); }
+  [[nodiscard]] std::uint64_t factBytes() const { return facts_->usedBytes() + facts_->hostBytes(); }
   /// Of both, the host's own copies of their topology.
   [[nodiscard]] std::uint64_t hostBytes() const {
-    return facts_.hostBytes() + (distances_ ? distances_->hostBytes() : 0);
+    return facts_->hostBytes() + (distances_ ? distances_->hostBytes() : 0);
   }
   [[nodiscard]] std::uint64_t distanceBytes() const {
     return distances_ ? distances_->usedBytes() + distances_->hostBytes() : 0;
@@ -71,7 +75,7 @@ class Mirrors {
   const PackedMap& map_;
   double voxel_size_m_;
   float truncation_distance_m_;
-  NanoVdbMirror facts_;
+  std::optional<NanoVdbMirror> facts_;         ///< always there
   std::unique_ptr<DistanceMirror> distances_;  ///< only for FieldParams::mirror_distance
 };
 

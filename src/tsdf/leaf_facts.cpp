@@ -2,6 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/leaf_facts.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <vector>
+
 namespace accessvdb::internal {
 
 LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf) {
@@ -38,6 +44,27 @@ std::optional<LeafChange> factsAt(const PackedMap& map, ConstPackedAccessor& acc
   facts.origin_ijk = {origin_ijk.x(), origin_ijk.y(), origin_ijk.z()};
   facts.collides_on = *left_out;
   return facts;
+}
+
+bool hasFacts(const LeafChange& facts) {
+  std::uint64_t any = 0;
+  for (std::size_t x = 0; x < 8; ++x) any |= facts.collides_on[x] | facts.arm_free_on[x];
+  return any != 0;
+}
+
+void forEachPartOfFacts(const PackedMap& map, const std::function<void(std::span<const LeafChange> facts)>& take) {
+  constexpr std::size_t kLeavesPerPart = std::size_t{1} << 16, kLeavesPerTask = 64;
+  std::vector<const PackedLeaf*> leaves;
+  map.tree().getNodes(leaves);
+  std::vector<LeafChange> facts;
+  for (std::size_t first = 0; first < leaves.size(); first += kLeavesPerPart) {
+    facts.resize(std::min(leaves.size() - first, kLeavesPerPart));
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, facts.size(), kLeavesPerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(map, *leaves[first + n]);
+    });
+    std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
+    take(facts);
+  }
 }
 
 LeafBits observedIn(const PackedLeaf& leaf) {

@@ -3,7 +3,9 @@
 /// The two facts that scoring reads, of a whole leaf: for a mirror that has to be made from an existing map.
 #pragma once
 
+#include <functional>
 #include <optional>
+#include <span>
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
@@ -20,6 +22,11 @@ namespace accessvdb::internal {
 /// @param accessor  of the map's tree
 [[nodiscard]] std::optional<LeafChange> factsAt(const PackedMap& map, ConstPackedAccessor& accessor,
                                                 const openvdb::Coord& origin_ijk);
+
+/// Whether one of the facts holds anywhere. @param facts  factsOf()
+[[nodiscard]] bool hasFacts(const LeafChange& facts);
+/// Calls take() with the facts of all leaves that have any, some at a time.
+void forEachPartOfFacts(const PackedMap& map, const std::function<void(std::span<const LeafChange> facts)>& take);
 
 /// Of all voxels of a leaf, those that were observed.
 [[nodiscard]] LeafBits observedIn(const PackedLeaf& leaf);

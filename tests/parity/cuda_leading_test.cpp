@@ -9,10 +9,12 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/error.h"
 #include "accessvdb/region.h"
 #include "accessvdb/what_if.h"
 #include "parity/gpu_test.h"
 #include "parity/parity_walk.h"
+#include "parity/view_reads.h"
 #include "support/determinism_support.h"
 #include "support/same_map.h"
 
@@ -139,6 +141,89 @@ TEST_F(CudaLeading, ASmallCacheChangesNothing) {
     fields.update();
     fields.expectSameFields();
   }
+}
+
+/// What does not depend on when a point was evaluated: the reason of a blocked point does, and stability.
+void expectSameLabels(const FieldSnapshot& a, const FieldSnapshot& b) {
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (std::size_t n = 0; n < a.points.size(); ++n) {
+    const SurfacePoint &in_a = a.points[n], &in_b = b.points[n];
+    ASSERT_EQ(in_a.position_W, in_b.position_W) << n;
+    ASSERT_EQ(in_a.normal_W, in_b.normal_W) << n;
+    ASSERT_EQ(in_a.weight, in_b.weight) << n;
+    ASSERT_EQ(in_a.label, in_b.label) << n << ": " << text(in_a) << "; " << text(in_b);
+    if (in_a.label != PointLabel::Accessible) continue;
+    ASSERT_EQ(in_a.score, in_b.score) << n;
+    ASSERT_EQ(in_a.direction, in_b.direction) << n;
+  }
+}
+
+/// Mixes up values around points on the device, around one point of so many. @return of how many leaves
+std::uint32_t breakMemory(const AccessibilityField& field, std::uint32_t one_of) {
+  const auto backend = kernels::makeCudaBackend();  // only for memory
+  std::vector<ViewQuestion> positions;
+  for (const SurfacePoint& point : field.snapshot().points) {
+    if (point.id % one_of != 0) continue;
+    ViewQuestion& position = positions.emplace_back();
+    for (int axis = 0; axis < 3; ++axis) position.a_W[axis] = point.position_W[axis];
+  }
+  return swapValuesOnDevice(*backend, field.deviceView(), positions);
+}
+
+/// Leaves that a scan reaches again have wrong values on the device. Labels are right from the first answer on that
+/// somebody gets, at the latest once the host is there.
+TEST_F(CudaLeading, AMapThatDiffersIsMadeAgain) {
+  for (const bool updated : {false, true}) {
+    SCOPED_TRACE(updated ? "with labels" : "without");
+    BothFields fields(0.03);
+    int frame = 0;
+    for (; frame < 3; ++frame) EXPECT_TRUE(fields.integrate(frame));
+    if (updated) fields.update();
+    for (int time = 1; time <= 2; ++time) {
+      EXPECT_TRUE(fields.integrate(frame++));  // values come to the device as scans reach them
+      EXPECT_GT(breakMemory(fields.gpu(), 3), 50u);
+      const WalkFrame& scan = walkFrames()[static_cast<std::size_t>(frame++)];
+      fields.both([&](AccessibilityField& field) { field.integrateScan(scan.points_S, scan.T_W_S); });
+      if (updated) fields.update();
+      const FieldSnapshot cpu = fields.cpu().snapshot(), gpu = fields.gpu().snapshot();
+      EXPECT_EQ(fields.gpu().deviceNoteId(), "device.diverged");
+      EXPECT_NE(fields.gpu().deviceNote().find(std::to_string(time) + " times"), std::string::npos);
+      expectSameLabels(cpu, gpu);
+      expectSameMap(fields.cpu().volume(), fields.gpu().volume());
+      if (updated) expectVaried(gpu);
+      if (HasFailure()) return;
+    }
+    for (; frame < kFrames; ++frame) {
+      EXPECT_TRUE(fields.integrate(frame)) << "the device leads again";
+      fields.update();
+      expectSameLabels(fields.cpu().snapshot(), fields.gpu().snapshot());
+      if (HasFailure()) return;
+    }
+  }
+}
+
+/// A device on which that happens again and again ends the run, as any failure of a device.
+TEST_F(CudaLeading, AMapThatDiffersAgainAndAgainEndsTheRun) {
+  AccessibilityField field(pencil(), paramsAt(0.03, BackendKind::Cuda));
+  const auto integrate = [&](int frame) {
+    const WalkFrame& scan = walkFrames()[static_cast<std::size_t>(frame)];
+    field.integrateScan(scan.points_S, scan.T_W_S);
+  };
+  std::string id;
+  int times = 0;
+  for (int frame = 0; frame + 1 < kFrames && id.empty(); frame += 2, ++times) {
+    integrate(frame);
+    EXPECT_GT(breakMemory(field, 1), 50u);
+    try {
+      integrate(frame + 1);
+      static_cast<void>(field.snapshot());
+    } catch (const DeviceError& error) {
+      id = error.id();
+    }
+  }
+  EXPECT_EQ(id, "device.diverged");
+  EXPECT_EQ(times, 4) << "it is made again three times";
+  EXPECT_EQ(field.unscoredSnapshot().count(PointLabel::Accessible), 0u);
 }
 
 /// From there on the host fuses first, or the device begins with what the map is then. Flips of the scans before, and

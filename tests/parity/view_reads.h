@@ -3,6 +3,7 @@
 /// Queries to a DeviceView in a kernel, on the caller's own stream.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "accessvdb/device_view.h"
@@ -22,5 +23,11 @@ struct ViewAnswer {
 
 [[nodiscard]] std::vector<ViewAnswer> askOnDevice(kernels::DeviceMemory& memory, const DeviceView& view,
                                                   const std::vector<ViewQuestion>& questions);
+
+/// What broken memory may do on a device that fuses: of the leaves at these positions, each two get each other's
+/// values.
+/// @return how many
+[[nodiscard]] std::uint32_t swapValuesOnDevice(kernels::DeviceMemory& memory, const DeviceView& view,
+                                               const std::vector<ViewQuestion>& positions);
 
 }  // namespace accessvdb::test

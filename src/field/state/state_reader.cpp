@@ -27,13 +27,6 @@ namespace {
 constexpr std::uint64_t kMostHeadBytes = 1 << 20;  // a list of 4096 orientations takes 96 bytes for each
 constexpr std::size_t kLeavesRead = 1 << 12, kPointsRead = 1 << 14, kPosesRead = 1 << 12;
 
-/// @return whether one of the facts holds anywhere
-bool hasFacts(const LeafChange& facts) {
-  std::uint64_t any = 0;
-  for (std::size_t x = 0; x < 8; ++x) any |= facts.collides_on[x] | facts.arm_free_on[x];
-  return any != 0;
-}
-
 /// @param words  of seen directions; 0 with viewpoints
 StoredPoint pointFrom(const char* from, std::size_t words) {
   StoredPoint point = {};

@@ -97,7 +97,7 @@ struct RemovalReport {
 struct RunReport {
   int exit_code = 0;
   std::string device = "cpu";
-  std::string device_note_id, device_note;                      ///< why --device auto is not on a GPU; else empty
+  std::string device_note_id, device_note;                      ///< of the GPU (AccessibilityField::deviceNote())
   std::vector<std::pair<std::string, std::string>> parameters;  ///< flags as given, then every effective parameter
   std::vector<io::InputFile> inputs;
   OutputEntries outputs;            ///< written by this run into the folder of the report

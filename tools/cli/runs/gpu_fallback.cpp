@@ -16,4 +16,12 @@ void sayWhyNotOnGpu(const AccessibilityField& field, Messages& messages) {
   }
 }
 
+void sayWhatBecameOfGpu(const AccessibilityField& field, RunReport& report, Messages& messages) {
+  const std::string id = field.deviceNoteId();
+  if (id == report.device_note_id) return;
+  report.device_note_id = id;
+  report.device_note = field.deviceNote();
+  messages.warning(id, "device: " + report.device_note);
+}
+
 }  // namespace accessvdb::tools

@@ -1,15 +1,18 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Reports once where a field runs, and why --device auto did not choose a GPU.
+/// Reports where a field runs, why --device auto did not choose a GPU, and what became of it.
 #pragma once
 
 #include "accessvdb/accessibility_field.h"
 #include "output/error_output.h"
+#include "output/report.h"
 
 namespace accessvdb::tools {
 
 /// Prints nothing on a GPU or with --device cpu. Otherwise a notice if no GPU can be expected (no driver, a build
 /// without CUDA), else a warning: there is one, but it is not used.
 void sayWhyNotOnGpu(const AccessibilityField& field, Messages& messages);
+/// At the end: warns if the map on the GPU had to be made again, and puts it into the report.
+void sayWhatBecameOfGpu(const AccessibilityField& field, RunReport& report, Messages& messages);
 
 }  // namespace accessvdb::tools

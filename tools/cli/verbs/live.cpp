@@ -455,6 +455,7 @@ void LiveRun::finish(LiveSession& session) {
   }
   const AccessibilityField& field = session.field();
   writeFiles(session);
+  sayWhatBecameOfGpu(field, report_, messages_);
   const RunFacts facts{report_, SceneStatistics(), surface_W_, field.origin_W(), field.params().tsdf.voxel_size_m};
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   messages_.notice(agreementInWords(session.agreement()));

@@ -283,6 +283,7 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   const auto points = field.points();
   const Eigen::AlignedBox3d surface_W = countPoints(report_, field.memoryUse(), *points);
   losses_.say(scans, messages_);
+  sayWhatBecameOfGpu(field, report_, messages_);
 
   io::WriteOptions files = writeOptions(options_.exported);
   files.frame = scans.frame();
