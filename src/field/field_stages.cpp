@@ -61,11 +61,13 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
   integrator.visitChanges([this](std::size_t part, const LeafChange& change) {
     if (!lead || !lead->leads()) scheduler->noteChange(part, change);
   });
-  steps.catchUpBy([this] {
-    if (!lead) return;
-    lead->catchUp();
-    if (lead->diverged()) arena.execute([this] { makeDeviceAgain(*this); });
-  });
+  steps.catchUpBy(
+      [this] {
+        if (lead) lead->catchUp();
+      },
+      [this] {
+        if (diverged()) arena.execute([this] { makeDeviceAgain(*this); });
+      });
 }
 
 std::unique_ptr<LeadingMap> FieldStages::makeLead() {

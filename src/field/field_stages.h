@@ -61,6 +61,8 @@ struct FieldStages {
               const TableProgress& progress, SharedTables* tables);
 
   [[nodiscard]] bool leads() const { return lead && lead->leads(); }
+  /// LeadingMap::diverged(): makeDeviceAgain() must follow.
+  [[nodiscard]] bool diverged() const { return lead && lead->diverged(); }
   /// Call before values of the map or the mirror are changed by others than scans: from then on the host fuses first.
   void stopLeading();
   /// After stopLeading(), once the host has changed the map: the device leads again if it may and has room. It knows
@@ -70,7 +72,7 @@ struct FieldStages {
   void beginToLead();
 
   /// Waits for the update and for the host's map, which still need all members.
-  ~FieldStages() { steps.settle(); }
+  ~FieldStages() { steps.wait(); }
   FieldStages(const FieldStages&) = delete;
   FieldStages& operator=(const FieldStages&) = delete;
 

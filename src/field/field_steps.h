@@ -21,8 +21,12 @@ class FieldSteps {
   /// @param views  of the field; out of date from the beginning of a step on
   explicit FieldSteps(FieldViews& views) : views_(views) {}
 
-  /// @param catch_up  brings the host's map up to date, where a device is ahead of it
-  void catchUpBy(std::function<void()> catch_up) { catch_up_ = std::move(catch_up); }
+  /// @param catch_up  brings the host's map up to date, where a device is ahead of it  @param repair  what has to be
+  /// done after that if the device turned out to be wrong
+  void catchUpBy(std::function<void()> catch_up, std::function<void()> repair) {
+    catch_up_ = std::move(catch_up);
+    repair_ = std::move(repair);
+  }
 
   /// Runs a step that changes several stages. If it fails half-way they no longer agree, and a mirror that lacks an
   /// obstacle would call points accessible: from then on the field answers nothing.
@@ -88,15 +92,13 @@ class FieldSteps {
   }
   /// Waits for the update, and for the host's map: what follows sees what they did.
   void settle() {
+    wait();
+    if (whole_) attempt(repair_);
+  }
+  /// Only waits.
+  void wait() {
     settleUpdate();
-    if (!catch_up_) return;
-    try {
-      catch_up_();
-    } catch (const Error& error) {
-      loseToCatchUp(isOfDevice(error));
-    } catch (...) {
-      loseToCatchUp(false);
-    }
+    attempt(catch_up_);
   }
   /// Waits for the update.
   void settleUpdate() {
@@ -129,7 +131,17 @@ class FieldSteps {
   struct UpdateFailed {
     bool of_device;
   };
-  /// Call while handling what catch_up_ threw. If it is of the host, its scan is lost.
+  void attempt(const std::function<void()>& what) {
+    if (!what) return;
+    try {
+      what();
+    } catch (const Error& error) {
+      loseToCatchUp(isOfDevice(error));
+    } catch (...) {
+      loseToCatchUp(false);
+    }
+  }
+  /// Call while handling what catch_up_ or repair_ threw. If it is of the host, its scan is lost.
   void loseToCatchUp(bool of_device) {
     whole_ = false;
     host_whole_ = host_whole_ && of_device;
@@ -142,7 +154,7 @@ class FieldSteps {
   }
 
   FieldViews& views_;
-  std::function<void()> catch_up_;
+  std::function<void()> catch_up_, repair_;
   std::exception_ptr catch_up_failed_;
   bool whole_ = true;       ///< false once a step failed half-way
   bool host_whole_ = true;  ///< false once one failed on the host

@@ -3,6 +3,7 @@
 #include "field/frame_loop.h"
 
 #include <array>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -148,13 +149,13 @@ double endScan(FieldStages& field, ScanUnderWay& under_way, const Open& open) {
   const auto mirror = [&] {
     if (ahead) {
       stats.changed_leaves = ahead->changed_leaves;
-    } else {
+    } else if (!field.diverged()) {  // else it is made again
       field.mirrors.take(changes, stats);
     }
   };
   runBeside([&] { scheduler.prepare(field.mirrors.grid()); }, mirror);
   if (ahead && !field.lead->pays()) field.stopLeading();
-  if (field.lead && field.lead->diverged()) makeDeviceAgain(field);
+  if (field.diverged()) makeDeviceAgain(field);
   return noting_ms;
 }
 
@@ -274,19 +275,24 @@ void makeDeviceAgain(FieldStages& field) {
   field.chosen.note_id = "device.diverged";
   field.chosen.note = "the map on the GPU was no longer that on the host, so it was made again (" +
                       std::to_string(field.times_made_again) + " times so far)";
+  const bool pays = field.lead->pays();
   field.views.expire();
-  field.scheduler.reset();  // it reads what flipped on the device
-  field.lead.reset();
-  field.tools.forget();
-  field.mirrors.makeFactsAgain();
-  field.scheduler = field.tools.makeScheduler();
-  field.scheduler->noteRestored();
-  field.beginToLead();
-  field.labels.current = false;
-  if (!field.labels.updated) return;
-  while (update(field, {}).backlog > 0) {
+  try {
+    field.scheduler.reset();  // it reads what flipped on the device
+    field.lead.reset();
+    field.tools.forget();
+    field.mirrors.makeFactsAgain();
+    field.scheduler = field.tools.makeScheduler();
+    field.scheduler->noteRestored();
+    if (pays) field.beginToLead();
+    field.labels.current = false;
+    if (!field.labels.updated) return;
+    publishWithheld(field);
+    field.labels.backlog = field.scheduler->update(field.mirrors.grid(), 0).backlog;
+    field.labels.current = true;
+  } catch (const std::bad_alloc&) {  // the host's map is whole
+    throwDiverged();
   }
-  field.labels.current = true;
 }
 
 void publishWithheld(FieldStages& field) {

@@ -35,7 +35,7 @@ void publishWithheld(FieldStages& field);
 
 /// Call when the host's map has all scans and LeadingMap::diverged(), inside the arena, while no update runs. All that
 /// the device has is made again from the host: its map, and what it found out about the points; then it leads again. If
-/// there were labels, they are brought up to date.
+/// there were labels, they are brought up to date, whatever the budget.
 /// @throws DeviceError "device.diverged"  it happened too often, or voxels were left out of the map
 void makeDeviceAgain(FieldStages& field);
 

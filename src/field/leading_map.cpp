@@ -92,13 +92,17 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
     leave();
     return std::nullopt;
   } catch (const DeviceError& error) {
-    if (error.id() == kDiverged) {
-      differs_ = true;
-      leave();
-      return std::nullopt;
+    if (error.id() != kDiverged) {
+      takeOnHost(p_L, q_L, frame);
+      throw;
     }
-    takeOnHost(p_L, q_L, frame);
-    throw;
+    differs_ = true;
+    leave();
+    return std::nullopt;
+  } catch (const InternalError&) {  // a mirror of which nobody knows what it holds takes nothing any more
+    if (!differs_) throw;
+    leave();
+    return std::nullopt;
   }
   returning_.note(fused.returned_leaves, fused.touched_leaves);
   space_ = kernels::grown(space_, fused.growth.counts());
@@ -128,7 +132,14 @@ std::uint64_t LeadingMap::takeIntoMap(const MapFollower::Scan& scan) {
   const std::lock_guard lock(mutex_);
   const Growth& growth = growths_.front();
   // Isolated: a thread that waits here must not begin other work, which may want the mutex.
-  tbb::this_task_arena::isolate([&] { facts_.adopt({growth.uppers, growth.lowers, growth.leaves}); });
+  tbb::this_task_arena::isolate([&] {
+    if (differs_) return;
+    try {
+      facts_.adopt({growth.uppers, growth.lowers, growth.leaves});
+    } catch (const InternalError&) {  // only the device's map is wrong
+      differs_ = true;
+    }
+  });
   growths_.pop_front();
   return hash;
 }
@@ -157,7 +168,7 @@ void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::s
       if (!isOfDevice(error)) throw;
       // Whatever else needs the device will say so. Points without labels, which are saved then, do not.
       if (error.code() == ErrorCode::Device) leave();
-      if (error.id() == kDiverged) differs_ = true;
+      if (error.id() == kDiverged) throw;
       follower_.join();
       readWeightsOfMap(map_, reach, voxels, weights);
     }

@@ -32,10 +32,10 @@ struct HeldByMap {
 };
 [[nodiscard]] HeldByMap heldBy(const PackedMap& map);
 
-/// For one thread at a time, as the field.
 /// @throws DeviceError "device.diverged"
 [[noreturn]] void throwDiverged();
 
+/// For one thread at a time, as the field.
 class LeadingMap final : private kernels::FollowingMap {
  public:
   /// Whether a device may lead at all with these parameters.
@@ -97,8 +97,9 @@ class LeadingMap final : private kernels::FollowingMap {
   PackedMap& map_;
   ScanIntegrator& integrator_;
   NanoVdbMirror& facts_;
-  std::atomic<bool> leads_ = true;     ///< an update beside a scan may find that the device failed
-  std::atomic<bool> differs_ = false;  ///< the device asked for what the host's map does not have
+  std::atomic<bool> leads_ = true;  ///< an update beside a scan may find that the device failed
+  /// The device asked for what the host's map does not have, or added what is there.
+  std::atomic<bool> differs_ = false;
   ReturningValues returning_;
   std::vector<kernels::ReturnRay> rays_;
   bool prepared_ = false;

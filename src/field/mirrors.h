@@ -39,7 +39,7 @@ class Mirrors {
   Mirrors(kernels::Backend& backend, const PackedMap& map, const FieldParams& resolved);
 
   /// In the backend's memory.
-  [[nodiscard]] const kernels::OccupancyGrid* grid() const { return facts_->grid(); }
+  [[nodiscard]] const kernels::OccupancyGrid* grid() const { return facts_ ? facts_->grid() : nullptr; }
   /// Null if there is no mirror of distances.
   [[nodiscard]] const DistanceMirror::Grid* distanceGrid() const { return distances_ ? distances_->grid() : nullptr; }
   [[nodiscard]] bool mirrorsDistances() const { return distances_ != nullptr; }
@@ -58,10 +58,10 @@ class Mirrors {
   /// After a removal, which may also have taken distances away. That mirror cannot, so it is made again.
   void takeRemoved(std::span<const LeafChange> facts, bool distances_too);
 
-  [[nodiscard]] std::uint64_t factBytes() const { return facts_->usedBytes() + facts_->hostBytes(); }
+  [[nodiscard]] std::uint64_t factBytes() const { return facts_ ? facts_->usedBytes() + facts_->hostBytes() : 0; }
   /// Of both, the host's own copies of their topology.
   [[nodiscard]] std::uint64_t hostBytes() const {
-    return facts_->hostBytes() + (distances_ ? distances_->hostBytes() : 0);
+    return (facts_ ? facts_->hostBytes() : 0) + (distances_ ? distances_->hostBytes() : 0);
   }
   [[nodiscard]] std::uint64_t distanceBytes() const {
     return distances_ ? distances_->usedBytes() + distances_->hostBytes() : 0;
@@ -75,7 +75,7 @@ class Mirrors {
   const PackedMap& map_;
   double voxel_size_m_;
   float truncation_distance_m_;
-  std::optional<NanoVdbMirror> facts_;         ///< always there
+  std::optional<NanoVdbMirror> facts_;         ///< missing only once makeFactsAgain() failed
   std::unique_ptr<DistanceMirror> distances_;  ///< only for FieldParams::mirror_distance
 };
 

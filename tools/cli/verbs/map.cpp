@@ -411,6 +411,7 @@ int MapRun::run() {
     return work(scans, field);
   } catch (const Error& error) {
     // Out of memory or lost; the caller reports the error itself.
+    sayWhatBecameOfGpu(field, report_, messages_);
     if (error.subject() == "cuda") saveUnscored(scans, field);
     throw;
   }
