@@ -108,6 +108,14 @@ void FieldStages::beginToLead() {
   }
 }
 
+void FieldStages::scoreAllAgain() {
+  scheduler.reset();
+  tools.forget();
+  scheduler = tools.makeScheduler();
+  scheduler->noteRestored();
+  labels.current = false;
+}
+
 std::optional<VoxelColumnBox> FieldStages::core() const {
   if (!params.window) return std::nullopt;
   return coreOf(*params.window);

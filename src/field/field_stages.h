@@ -70,6 +70,8 @@ struct FieldStages {
   void leadAgain();
   /// The same of a device that holds nothing of the map yet.
   void beginToLead();
+  /// Forgets the state of all points.
+  void scoreAllAgain();
 
   /// Waits for the update and for the host's map, which still need all members.
   ~FieldStages() { steps.wait(); }

@@ -270,22 +270,18 @@ FrameStats endScan(FieldStages& field, std::span<const OpenedLeaf> opened) {
 void makeDeviceAgain(FieldStages& field) {
   // A device of which the memory fails again and again is of no use.
   constexpr int kMostTimes = 3;
-  field.lead->stop();
-  if (++field.times_made_again > kMostTimes || !field.map.leftOut().empty()) throwDiverged();
-  field.chosen.note_id = "device.diverged";
-  field.chosen.note = "the map on the GPU was no longer that on the host, so it was made again (" +
-                      std::to_string(field.times_made_again) + " times so far)";
-  const bool pays = field.lead->pays();
-  field.views.expire();
   try {
-    field.scheduler.reset();  // it reads what flipped on the device
+    field.stopLeading();
+    if (++field.times_made_again > kMostTimes || !field.map.leftOut().empty()) throwDiverged();
+    field.chosen.note_id = "device.diverged";
+    field.chosen.note = "the map on the GPU was no longer that on the host, so it was made again (" +
+                        std::to_string(field.times_made_again) + " times so far)";
+    const bool pays = field.lead->pays();
+    field.views.expire();
+    field.scoreAllAgain();
     field.lead.reset();
-    field.tools.forget();
     field.mirrors.makeFactsAgain();
-    field.scheduler = field.tools.makeScheduler();
-    field.scheduler->noteRestored();
     if (pays) field.beginToLead();
-    field.labels.current = false;
     if (!field.labels.updated) return;
     publishWithheld(field);
     field.labels.backlog = field.scheduler->update(field.mirrors.grid(), 0).backlog;

@@ -6,9 +6,18 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <vector>
 
 namespace accessvdb::internal {
+namespace {
+
+/// @return whether one of the facts holds anywhere
+bool hasFacts(const LeafChange& facts) {
+  std::uint64_t any = 0;
+  for (std::size_t x = 0; x < 8; ++x) any |= facts.collides_on[x] | facts.arm_free_on[x];
+  return any != 0;
+}
+
+}  // namespace
 
 LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf) {
   const LeafBits observed = observedIn(leaf), confirmed = map.confirmedIn(leaf);
@@ -46,23 +55,22 @@ std::optional<LeafChange> factsAt(const PackedMap& map, ConstPackedAccessor& acc
   return facts;
 }
 
-bool hasFacts(const LeafChange& facts) {
-  std::uint64_t any = 0;
-  for (std::size_t x = 0; x < 8; ++x) any |= facts.collides_on[x] | facts.arm_free_on[x];
-  return any != 0;
+void factsOf(const PackedMap& map, std::span<const PackedLeaf* const> leaves, std::vector<LeafChange>& facts) {
+  constexpr std::size_t kLeavesPerTask = 64;
+  facts.resize(leaves.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), kLeavesPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(map, *leaves[n]);
+  });
+  std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
 }
 
 void forEachPartOfFacts(const PackedMap& map, const std::function<void(std::span<const LeafChange> facts)>& take) {
-  constexpr std::size_t kLeavesPerPart = std::size_t{1} << 16, kLeavesPerTask = 64;
+  constexpr std::size_t kLeavesPerPart = std::size_t{1} << 16;
   std::vector<const PackedLeaf*> leaves;
   map.tree().getNodes(leaves);
   std::vector<LeafChange> facts;
   for (std::size_t first = 0; first < leaves.size(); first += kLeavesPerPart) {
-    facts.resize(std::min(leaves.size() - first, kLeavesPerPart));
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, facts.size(), kLeavesPerTask), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(map, *leaves[first + n]);
-    });
-    std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
+    factsOf(map, std::span(leaves).subspan(first, std::min(leaves.size() - first, kLeavesPerPart)), facts);
     take(facts);
   }
 }

@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
@@ -23,8 +24,8 @@ namespace accessvdb::internal {
 [[nodiscard]] std::optional<LeafChange> factsAt(const PackedMap& map, ConstPackedAccessor& accessor,
                                                 const openvdb::Coord& origin_ijk);
 
-/// Whether one of the facts holds anywhere. @param facts  factsOf()
-[[nodiscard]] bool hasFacts(const LeafChange& facts);
+/// factsOf() of leaves, without those that have none. @param facts  out; its memory is used again
+void factsOf(const PackedMap& map, std::span<const PackedLeaf* const> leaves, std::vector<LeafChange>& facts);
 /// Calls take() with the facts of all leaves that have any, some at a time.
 void forEachPartOfFacts(const PackedMap& map, const std::function<void(std::span<const LeafChange> facts)>& take);
 

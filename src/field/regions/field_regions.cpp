@@ -9,18 +9,6 @@
 #include "accessvdb/error.h"
 
 namespace accessvdb::internal {
-namespace {
-
-/// Forgets the state of all points. Weights have fallen, which no scan does, and which no scheduler follows.
-void scoreAllAgain(FieldStages& field) {
-  field.scheduler.reset();
-  field.tools.forget();
-  field.scheduler = field.tools.makeScheduler();
-  field.scheduler->noteRestored();
-  field.labels.current = false;
-}
-
-}  // namespace
 
 void requireRegions(const FieldStages& field) {
   const FieldParams& params = field.params;
@@ -70,7 +58,7 @@ Removal removeRegion(FieldStages& field, const Region& region, RemovedAs as) {
     }
     for (const LeafChange& change : changes) removal.flipped_voxels += flippedVoxels(change);
     field.mirrors.takeRemoved(changes, free);
-    scoreAllAgain(field);
+    field.scoreAllAgain();  // weights have fallen, which no scan does, and which no scheduler follows
     field.leadAgain();
   });
   return removal;

@@ -262,11 +262,7 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
   std::vector<const PackedLeaf*> leaves;
   std::vector<LeafChange> facts;
   const auto hand_over = [&] {
-    facts.resize(leaves.size());
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(map, *leaves[n]);
-    });
-    std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
+    factsOf(map, leaves, facts);
     take(facts, leaves);
     leaves.clear();
   };
