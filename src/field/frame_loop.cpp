@@ -88,12 +88,12 @@ void beginScan(FieldStages& field, ScanUnderWay& under_way, double passed_s) {
     const GatedScan& placed = field.left_out.placed(scan, under_way.stats);
     under_way.placed = &placed;
     under_way.touched = &field.points.placeReturns(placed.p_L, placed.q_L);
-    const auto sum = [&] { field.points.sumReturns(placed.p_L, placed.q_L, placed.attributes); };
-    if (describes) {
-      runBeside(sum, [&] { field.scheduler->noteBlocks(under_way.touched->changed_blocks); });
-    } else {
-      sum();
-    }
+    const auto index = [&] {
+      field.points.indexNew();
+      if (describes) field.scheduler->noteBlocks(under_way.touched->changed_blocks);
+    };
+    runBeside([&] { field.points.sumReturns(placed.p_L, placed.q_L, placed.attributes); }, index);
+    field.points.endReturns();
   };
   // What is news is judged before free space ages.
   const auto bin_and_age = [&] {

@@ -4,10 +4,12 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <tuple>
@@ -15,6 +17,7 @@
 #include "hostdev/position_voxel.h"
 #include "hostdev/voxel_scale.h"
 #include "points/radix_sort.h"
+#include "points/short_places.h"
 #include "processor/prefetch.h"
 
 namespace accessvdb::internal {
@@ -45,24 +48,52 @@ Index3 PointStore::voxelOf(const Eigen::Vector3d& p_L) const {
   return {ijk[0], ijk[1], ijk[2]};
 }
 
+/// The returns of a scan by place of their voxels.
+void PointStore::sortReturns(std::span<const Eigen::Vector3f> p_L) {
+  const tbb::blocked_range<std::size_t> all(0, p_L.size(), kPointsPerTask);
+  std::vector<KeyedReturn>&returns = groups_.returns, &unsorted = groups_.unsorted;
+  if (p_L.empty()) return returns.clear();
+  unsorted.resize(p_L.size());
+  const ShortPlaces::Box leaves = tbb::parallel_reduce(
+      all, ShortPlaces::Box(),
+      [&](const auto& range, ShortPlaces::Box box) {
+        for (std::size_t n = range.begin(); n != range.end(); ++n) {
+          const Index3 voxel = voxelOf(p_L[n]);
+          unsorted[n] = {placeOf(voxel), static_cast<std::uint32_t>(n)};
+          box.add(parentOf(voxel));
+        }
+        return box;
+      },
+      [](ShortPlaces::Box box, const ShortPlaces::Box& other) {
+        box.add(other);
+        return box;
+      });
+  const ShortPlaces places(leaves);
+  const int bits_of_index = std::bit_width(p_L.size());
+  if (p_L.size() > kMostSortedByOne || places.bits() + bits_of_index > 64) {
+    returns = unsorted;
+    tbb::parallel_sort(returns, [](const KeyedReturn& a, const KeyedReturn& b) { return a.place < b.place; });
+    return;
+  }
+  std::vector<std::uint64_t>& order = groups_.order;
+  order.resize(p_L.size());
+  for (std::size_t n = 0; n < order.size(); ++n) order[n] = places(unsorted[n].place) << bits_of_index | n;
+  radixSort(order, groups_.spare, [bits_of_index](std::uint64_t item) { return item >> bits_of_index; });
+  returns.resize(p_L.size());
+  tbb::parallel_for(all, [&](const auto& range) {
+    const std::uint64_t index = (std::uint64_t{1} << bits_of_index) - 1;
+    for (std::size_t n = range.begin(); n != range.end(); ++n) returns[n] = unsorted[order[n] & index];
+  });
+}
+
 /// Groups returns by place of the voxel, sorted by value, so that the order within the scan does not matter.
 void PointStore::group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
-  std::vector<KeyedReturn>& returns = groups_.returns;
-  returns.resize(p_L.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kPointsPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      returns[n] = {placeOf(voxelOf(p_L[n])), static_cast<std::uint32_t>(n)};
-    }
-  });
+  sortReturns(p_L);
   const auto values = [&](std::uint32_t n) {
     const Eigen::Vector3f &p = p_L[n], &q = q_L[q_L.size() == 1 ? 0 : n];
     return std::make_tuple(p.x(), p.y(), p.z(), q.x(), q.y(), q.z());
   };
-  if (returns.size() <= kMostSortedByOne) {
-    radixSort(returns, groups_.spare, [](const KeyedReturn& item) { return item.place; });
-  } else {
-    tbb::parallel_sort(returns, [](const KeyedReturn& a, const KeyedReturn& b) { return a.place < b.place; });
-  }
+  std::vector<KeyedReturn>& returns = groups_.returns;
   groups_.begin.clear();
   for (std::size_t n = 0; n < returns.size(); ++n) {
     if (n == 0 || returns[n].place != returns[n - 1].place) groups_.begin.push_back(static_cast<std::uint32_t>(n));
@@ -90,31 +121,45 @@ void PointStore::locateGroups() {
 
 /// Gives each group an id, in the order of their places; a new one if its voxel has none. So new points in one leaf
 /// have consecutive ids, and most of their readers do, too.
-void PointStore::addNew() {
+void PointStore::numberGroups() {
   TouchedPoints& touched = touched_;
   locateGroups();
   const std::uint32_t before = size();
   added_.clear();
+  groups_.added.clear();
   touched.all.resize(places_.size());
   for (std::size_t g = 0; g < places_.size(); ++g) {
     touched.all[g] = places_[g].id;
     if (places_[g].id != kNone) continue;
     touched.all[g] = before + static_cast<std::uint32_t>(added_.size());
     added_.push_back({voxels_[g], touched.all[g], places_[g].block});
+    groups_.added.push_back(static_cast<std::uint32_t>(g));
   }
   touched.new_points = added_.size();
+}
+
+void PointStore::indexNew() {
   index_.insertAll(added_);
-  touched.changed_blocks.clear();
-  if (describe_touched_) index_.blocksOfLastInsert(touched.changed_blocks);
-  block_.growRaw(before + added_.size());
+  touched_.changed_blocks.clear();
+  if (describe_touched_) index_.blocksOfLastInsert(touched_.changed_blocks);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added_.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) block_[added_[n].id] = added_[n].block;
   });
 }
 
-/// For all points that have a block.
+void PointStore::endReturns() {
+  if (!describe_touched_) return;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added_.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      touched_.deltas[groups_.added[n]].block = added_[n].block;
+    }
+  });
+}
+
+/// For all points, with the new ones.
 void PointStore::makeRoom() {
-  const std::size_t size = block_.size();
+  const std::size_t size = this->size() + added_.size();
+  block_.growRaw(size);
   first_L_.growRaw(size);
   pca_L_.growRaw(size);
   sums_.growRaw(size);
@@ -138,7 +183,9 @@ void PointStore::prefetch(std::uint32_t id) const {
 const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                             std::span<const std::int32_t> attributes) {
   const TouchedPoints& touched = placeReturns(p_L, q_L);
+  indexNew();
   sumReturns(p_L, q_L, attributes);
+  endReturns();
   return touched;
 }
 
@@ -169,7 +216,7 @@ void PointStore::addAttributes(std::span<const Eigen::Vector3f> p_L, std::span<c
 const TouchedPoints& PointStore::placeReturns(std::span<const Eigen::Vector3f> p_L,
                                               std::span<const Eigen::Vector3f> q_L) {
   group(p_L, q_L);
-  addNew();
+  numberGroups();
   makeRoom();
   return touched_;
 }
@@ -199,7 +246,7 @@ void PointStore::sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<cons
           if (seen.add(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
         }
         refreshMean(id);
-        if (describe_touched_) touched.deltas[g] = deltaOf(id, touched.before_L[g]);
+        if (describe_touched_) touched.deltas[g] = deltaIn(id < before ? block_[id] : kNone, id, touched.before_L[g]);
       }
     });
   });
@@ -244,12 +291,16 @@ Eigen::Vector3d PointStore::meanSensor_L(std::uint32_t id) const {
 }
 
 kernels::PointDelta PointStore::deltaOf(std::uint32_t id, const Eigen::Vector3f& before_L) const {
+  return deltaIn(block_[id], id, before_L);
+}
+
+kernels::PointDelta PointStore::deltaIn(std::uint32_t block, std::uint32_t id, const Eigen::Vector3f& before_L) const {
   const auto copy3 = [](const Eigen::Vector3f& from, float* to) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
   };
   kernels::PointDelta delta;
   delta.id = id;
-  delta.block = block_[id];
+  delta.block = block;
   copy3(first_L_[id], delta.position_L);
   copy3(pca_L_[id], delta.mean_L);
   copy3(toSensor_L(id), delta.to_sensor_L);
@@ -307,7 +358,6 @@ bool PointStore::restore(std::span<const StoredPoint> points) {
     added_[n] = {voxels_[n], before + order[n].index, places_[n].block};
   }
   index_.insertAll(added_);
-  block_.growRaw(before + points.size());
   makeRoom();
   seen_.inItsForm([&](auto& seen) {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
@@ -329,8 +379,9 @@ std::uint64_t PointStore::bytes() const {
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
          bytesOf(touched_.all) + bytesOf(touched_.before_L) + bytesOf(touched_.views_changed) +
          bytesOf(touched_.deltas) + bytesOf(touched_.changed_blocks) + bytesOf(groups_.returns) +
-         bytesOf(groups_.spare) + bytesOf(groups_.begin) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_) +
-         bytesOf(order_) + bytesOf(ties_) + attributes_.bytes();
+         bytesOf(groups_.unsorted) + bytesOf(groups_.order) + bytesOf(groups_.spare) + bytesOf(groups_.begin) +
+         bytesOf(groups_.added) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_) + bytesOf(order_) +
+         bytesOf(ties_) + attributes_.bytes();
 }
 
 }  // namespace accessvdb::internal

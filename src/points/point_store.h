@@ -66,10 +66,14 @@ class PointStore {
   /// @return valid until the next call
   const TouchedPoints& addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                   std::span<const std::int32_t> attributes = {});
-  /// The same in two parts: after the first one, index(), TouchedPoints::all and changed_blocks are as they will be.
+  /// The same in four parts, of which the second and third may run at the same time. After the first one,
+  /// TouchedPoints::all is as it will be.
   const TouchedPoints& placeReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  /// Then index(), blockOf() and TouchedPoints::changed_blocks are as they will be.
+  void indexNew();
   void sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                   std::span<const std::int32_t> attributes = {});
+  void endReturns();
   /// What the returns of points carry; nothing unless it was asked for.
   void carry(std::vector<CarriedAttribute> carried) { attributes_ = PointAttributes(std::move(carried)); }
   [[nodiscard]] const PointAttributes& attributes() const { return attributes_; }
@@ -120,16 +124,21 @@ class PointStore {
   };
   /// The returns of a scan, grouped by voxel.
   struct ReturnGroups {
-    std::vector<KeyedReturn> returns, spare;  ///< spare: for sorting
+    std::vector<KeyedReturn> returns, unsorted;
+    std::vector<std::uint64_t> order, spare;  ///< for sorting
     std::vector<std::uint32_t> begin;         ///< [groups + 1] first of each group in returns
+    std::vector<std::uint32_t> added;         ///< groups of new points
 
     [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
     [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }
   };
+  [[nodiscard]] kernels::PointDelta deltaIn(std::uint32_t block, std::uint32_t id,
+                                            const Eigen::Vector3f& before_L) const;
   [[nodiscard]] bool canBe(const StoredPoint& point) const;
+  void sortReturns(std::span<const Eigen::Vector3f> p_L);
   void group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   void locateGroups();
-  void addNew();
+  void numberGroups();
   void makeRoom();
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   void addToSums(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L);

@@ -6,30 +6,36 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
 namespace accessvdb::internal {
 
-/// Stable: items with equal keys stay in their order. Digits that are the same in all keys cost nothing.
-/// @param key  of an item, std::uint64_t  @param spare  memory for a copy of the items, of any size; kept by the caller
+/// Stable: items with equal keys stay in their order. Takes the longer, the more bits lie between the lowest and the
+/// highest one that differ among the keys.
+/// @param items  fewer than 2^32  @param key  of an item, std::uint64_t
+/// @param spare  memory for a copy of the items, of any size; kept by the caller
 template <typename Item, typename Key>
 void radixSort(std::vector<Item>& items, std::vector<Item>& spare, const Key& key) {
-  constexpr int kBits = 11;  // the counts of a digit fit into the first-level cache
-  constexpr std::size_t kValues = std::size_t{1} << kBits;
-  if (items.empty()) return;
+  constexpr int kMostBits = 12;  // the counts of a digit fit into the first-level cache
   std::uint64_t differ = 0;
   for (const Item& item : items) differ |= key(item) ^ key(items.front());
+  if (differ == 0) return;
+  const int lowest = std::countr_zero(differ), bits = std::bit_width(differ) - lowest;
+  const int digits = (bits + kMostBits - 1) / kMostBits, bits_of_digit = (bits + digits - 1) / digits;
+  const std::size_t values = std::size_t{1} << bits_of_digit;
   spare.resize(items.size());
-  for (int shift = 0; shift < 64; shift += kBits) {
-    if ((differ >> shift & (kValues - 1)) == 0) continue;
-    const auto digit = [&](const Item& item) { return static_cast<std::size_t>(key(item) >> shift & (kValues - 1)); };
-    std::array<std::size_t, kValues> place = {};
+  for (int n = 0, shift = lowest; n < digits; ++n, shift += bits_of_digit) {
+    const auto digit = [&](const Item& item) { return static_cast<std::size_t>(key(item) >> shift & (values - 1)); };
+    std::array<std::uint32_t, std::size_t{1} << kMostBits> place;
+    std::fill_n(place.begin(), values, 0);
     for (const Item& item : items) ++place[digit(item)];
-    std::size_t before = 0;
-    for (std::size_t& first : place) before += std::exchange(first, before);
+    std::uint32_t before = 0;
+    for (std::uint32_t& first : std::span(place).first(values)) before += std::exchange(first, before);
     for (const Item& item : items) spare[place[digit(item)]++] = item;
     std::swap(items, spare);
   }

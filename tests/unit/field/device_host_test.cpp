@@ -213,8 +213,10 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       const IntegrationResult result = integrator.integrate(p, q);
       points.describeTouched(scheduler->needs().deltas);
       const TouchedPoints& touched = points.placeReturns(p, q);
+      points.indexNew();
       if (c.ahead && scheduler->needs().deltas) scheduler->noteBlocks(touched.changed_blocks);
       points.sumReturns(p, q);
+      points.endReturns();
       for (const Eigen::Vector3f& return_L : p) ++returns_of[points.voxelOf(return_L)];
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
@@ -366,8 +368,10 @@ class HostBehind {
     const bool describes = scheduler_->needs().deltas;
     points_.describeTouched(describes);
     const TouchedPoints& touched = points_.placeReturns(p_, q_);
+    points_.indexNew();
     if (describes) scheduler_->noteBlocks(touched.changed_blocks);
     points_.sumReturns(p_, q_);
+    points_.endReturns();
     scheduler_->noteReturns(touched, p_, q_);
     scheduler_->noteChanges(p_, q_, {});
     scheduler_->prepare(nullptr);

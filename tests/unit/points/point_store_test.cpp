@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <numeric>
+#include <set>
 #include <tuple>
 #include <utility>
 
@@ -139,6 +140,56 @@ TEST(PointStore, OrderInsideAScanDoesNotMatter) {
         ASSERT_TRUE(a.seen(id) == b.seen(id));
       }
     }
+  }
+}
+
+/// Near ones are sorted by numbers of few bits, others and many by their places.
+TEST(PointStore, NewPointsComeInTheOrderOfTheirVoxels) {
+  const double v = 0.05;
+  for (const auto& [spread_m, returns] : {std::pair(0.4, 500), std::pair(30.0, 500),
+                                          std::pair(0.9 * kFarthestVoxel * v, 500), std::pair(10.0, 140'000)}) {
+    PointStore store(pointParams(v, 36), directionTable(36));
+    Random random(5);
+    std::vector<Eigen::Vector3f> p;
+    for (int n = 0; n < returns; ++n) p.push_back(random.point(spread_m));
+    store.addReturns(p, std::vector<Eigen::Vector3f>{{0, 0, 2}});
+    std::set<std::uint64_t> places;
+    for (const Eigen::Vector3f& p_L : p) places.insert(placeOf(store.voxelOf(p_L)));
+    ASSERT_EQ(store.size(), places.size());
+    std::uint32_t id = 0;
+    for (const std::uint64_t place : places) {
+      ASSERT_EQ(placeOf(store.voxelOf(store.first_L(id))), place);
+      ASSERT_EQ(store.index().find(voxelAt(place)), id++);
+    }
+  }
+}
+
+TEST(PointStore, ItsPartsMayRunInEitherOrder) {
+  for (const bool rays : {false, true}) {
+    const FieldParams params = pointParams(0.05, 36);
+    PointStore whole(params, directionTable(36)), parts(params, directionTable(36));
+    whole.describeTouched(true);
+    parts.describeTouched(true);
+    for (const Scan& scan : randomScans(7, 0.05, rays)) {
+      const TouchedPoints& expected = whole.addReturns(scan.p, scan.q);
+      const TouchedPoints& touched = parts.placeReturns(scan.p, scan.q);
+      parts.sumReturns(scan.p, scan.q);
+      parts.indexNew();
+      parts.endReturns();
+      ASSERT_EQ(touched.all, expected.all);
+      ASSERT_EQ(touched.changed_blocks, expected.changed_blocks);
+      ASSERT_EQ(touched.deltas.size(), expected.all.size());
+      for (std::size_t n = 0; n < touched.deltas.size(); ++n) {
+        const kernels::PointDelta &delta = touched.deltas[n], &other = expected.deltas[n];
+        ASSERT_EQ(delta.id, touched.all[n]);
+        ASSERT_EQ(delta.block, parts.index().blockAt(parentOf(parts.voxelOf(parts.first_L(delta.id)))));
+        ASSERT_EQ(delta.block, other.block);
+        ASSERT_EQ(delta.block, parts.blockOf(delta.id));
+        ASSERT_TRUE(std::ranges::equal(delta.mean_L, other.mean_L));
+        ASSERT_TRUE(delta.seen == other.seen);
+      }
+    }
+    EXPECT_EQ(parts.addReturns({}, std::vector<Eigen::Vector3f>{{0, 0, 1}}).all.size(), 0u);
   }
 }
 
