@@ -96,16 +96,22 @@ bool DeviceAdmission::handOver(const TouchedPoints& touched) {
 
 void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                                   std::span<const Eigen::Vector3f> q_L, bool is_in_map) {
-  if (is_in_map) readWeightsOf(touched.all, weights_);
+  const auto note = [&] {
+    for (std::size_t n = 0; n < touched.all.size(); ++n) {
+      const std::uint32_t id = touched.all[n];
+      if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or its older position is already stored
+      is_touched_[id] = 1;
+      touched_.push_back({id, touched.before_L[n]});
+    }
+    const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
+    if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
+  };
   has_weights_ = is_in_map;
-  for (std::size_t n = 0; n < touched.all.size(); ++n) {
-    const std::uint32_t id = touched.all[n];
-    if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or its older position is already stored
-    is_touched_[id] = 1;
-    touched_.push_back({id, touched.before_L[n]});
+  if (is_in_map) {
+    runBeside([&] { readWeightsOf(touched.all, weights_); }, note);  // waits for the device
+  } else {
+    note();
   }
-  const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
-  if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
 }
 
 void DeviceAdmission::growState() {
