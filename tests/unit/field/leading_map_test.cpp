@@ -95,7 +95,7 @@ class PretendedFuser final : public kernels::ScanFuser {
     fused.touched_leaves = result.touched_leaves;
     fused.returned_leaves = returned;
     fused.flips_hash = result.flips_hash ^ (diverges ? 1 : 0);
-    if (adds_again) leaves_.push_back(leaves_.front());
+    if (adds_again) leaves_.push_back(*known_leaves_.begin());
     fused.growth = {uppers_, lowers_, leaves_};
     reserve(kernels::growthBytes(space, fused.growth.counts()));
     space_ = kernels::grown(space, fused.growth.counts());
