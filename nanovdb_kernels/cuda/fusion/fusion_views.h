@@ -10,6 +10,7 @@
 
 #include "cuda/fusion/fuse_leaves.h"
 #include "cuda/memory/device_list.h"
+#include "hostdev/leaf_keys.h"
 #include "hostdev/return_leaves.h"
 #include "hostdev/vote_rule.h"
 #include "launch/device_array.h"
@@ -17,14 +18,6 @@
 #include "launch/scan_fuser.h"
 
 namespace accessvdb::kernels {
-
-/// The upper nodes among which the leaves of a scan lie, so that keys of leaves are short: place of the upper node, of
-/// the lower node in it, of the leaf in that. Sorted, the leaves of a node follow each other in the order of its table.
-struct LeafKeys {
-  static constexpr int kUpperShift = 27, kLowerShift = 12;
-  std::int32_t low[3] = {0, 0, 0};    ///< [4096 voxels]
-  std::uint32_t size[3] = {1, 1, 1};  ///< [4096 voxels]
-};
 
 /// Counts of one scan.
 struct FusionCounters {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Nodes of the mirrored grid, and keys of its leaves.
+/// Nodes of the mirrored grid.
 #pragma once
 
 #include <cstddef>
@@ -8,6 +8,7 @@
 
 #include "cuda/fusion/fusion_views.h"
 #include "cuda/fusion/leaf_slots.h"
+#include "hostdev/leaf_keys.h"
 #include "launch/leaf_patch.h"
 
 namespace accessvdb::kernels {
@@ -67,31 +68,6 @@ __device__ inline std::byte* leafAtUnit(std::byte* grid, std::uint32_t unit) {
 __device__ inline LeafSlots& slotsOf(std::byte* leaf) { return *reinterpret_cast<LeafSlots*>(leaf + kLeafSlotsBytes); }
 
 }  // namespace grid_nodes
-
-/// @param leaf  [3] ijk >> 3
-__device__ inline std::uint64_t leafKeyOf(const LeafKeys& space, const std::int32_t* leaf) {
-  std::uint64_t upper = 0;
-  std::uint32_t lower = 0, place = 0;
-  for (int axis = 0; axis < 3; ++axis) {
-    upper = upper * space.size[axis] + static_cast<std::uint32_t>((leaf[axis] >> 9) - space.low[axis]);
-    lower = lower << 5 | (static_cast<std::uint32_t>(leaf[axis]) >> 4 & 31);
-    place = place << 4 | (static_cast<std::uint32_t>(leaf[axis]) & 15);
-  }
-  return upper << LeafKeys::kUpperShift | std::uint64_t{lower} << LeafKeys::kLowerShift | place;
-}
-/// @return lowest voxel of a leaf
-__device__ inline nanovdb::Coord originOf(const LeafKeys& space, std::uint64_t key) {
-  const auto upper = static_cast<std::uint32_t>(key >> LeafKeys::kUpperShift);
-  const std::uint32_t of_axis[3] = {upper / space.size[2] / space.size[1], upper / space.size[2] % space.size[1],
-                                    upper % space.size[2]};
-  nanovdb::Coord ijk;
-  for (int axis = 0; axis < 3; ++axis) {
-    const auto lower = static_cast<std::int32_t>(key >> (LeafKeys::kLowerShift + 10 - 5 * axis) & 31);
-    const auto place = static_cast<std::int32_t>(key >> (8 - 4 * axis) & 15);
-    ijk[axis] = (space.low[axis] + static_cast<std::int32_t>(of_axis[axis])) * 4096 + lower * 128 + place * 8;
-  }
-  return ijk;
-}
 
 /// The n-th slot that a scan takes.
 __device__ inline std::uint32_t nthSlot(const SlotsView& slots, std::uint32_t n) {

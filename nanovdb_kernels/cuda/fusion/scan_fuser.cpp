@@ -5,9 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstring>
-#include <limits>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -22,6 +20,7 @@
 #include "cuda/memory/staging.h"
 #include "hostdev/weight_window.h"
 #include "launch/counted_memory.h"
+#include "launch/scan_extent.h"
 #include "launch/slot_counts.h"
 
 namespace accessvdb::kernels {
@@ -34,17 +33,9 @@ constexpr std::uint32_t kSlotsAtATime = 4096;
 constexpr std::size_t kRecordsAtATime = 4096, kNamedAtATime = std::size_t{1} << 18;
 constexpr std::size_t kVoxelsAtATime = std::size_t{1} << 18;  ///< whose weights are read
 constexpr std::uint32_t kMostSlots = FusedLeaf::kFresh - 1;
-/// Beyond the region of a return, in voxels: bounds of regions are rounded up.
-constexpr float kRegionMargin = 16;
 
 using Origin = GridGrowth::Origin;
 static_assert(sizeof(Origin) == 3 * sizeof(std::int32_t));
-
-/// Then the host fuses it.
-[[noreturn]] void throwTooLarge() {
-  throw ResourceLimit("device.scan_extent", "cuda", "the scan is too large to be fused on the GPU",
-                      "Use larger voxels, or BackendKind::Cpu");
-}
 
 /// Slots of one kind, and which of them are free.
 class SlotList {
@@ -277,60 +268,10 @@ class Implementation final : public DeviceScanFuser {
   /// The mirror's own: what it writes and what this writes are in order.
   [[nodiscard]] cudaStream_t stream() const { return context_->priorityStream(); }
 
-  /// [voxels]
-  struct Extent {
-    double low = std::numeric_limits<double>::max(), high = std::numeric_limits<double>::lowest();
-
-    void add(double base, double to_end) {
-      low = std::min(low, std::min(base, base + to_end));
-      high = std::max(high, std::max(base, base + to_end));
-    }
-  };
-  /// @throws ResourceLimit  the scan is too large
-  [[nodiscard]] LeafKeys keysFor(std::span<const ReturnRay> rays, std::uint32_t balls) const {
-    const RegionConstants& region = setting_.region;
-    // No less than there are: leaves of the cube around a return, and of each layer along its ray.
-    const auto cubeOf = [](float voxels) { return std::pow(static_cast<double>(voxels) / 8 + 3, 3); };
-    const double across = std::pow(static_cast<double>(region.band_radius) / 2 + 4, 2) + 3,
-                 of_return = cubeOf(2 * region.tau) + 3 * across;
-    const float longest = std::max(region.band_end, region.line_end);
-    Extent x, y, z;  // apart, and not in an array: the loop waits for nothing then
-    double lengths = 0;
-    const auto add = [&](const ReturnRay& ray, double length) {
-      x.add(ray.base_ijk[0], length * static_cast<double>(ray.to_sensor[0]));
-      y.add(ray.base_ijk[1], length * static_cast<double>(ray.to_sensor[1]));
-      z.add(ray.base_ijk[2], length * static_cast<double>(ray.to_sensor[2]));
-    };
-    for (const ReturnRay& ray : rays.first(rays.size() - balls)) {
-      const auto length = static_cast<double>(std::min(longest, ray.range));
-      lengths += length;
-      add(ray, length);
-    }
-    for (const ReturnRay& ball : rays.last(balls)) add(ball, 0);
-    const double pairs = static_cast<double>(rays.size() - balls) * of_return + lengths / 8 * across +
-                         balls * cubeOf(2 * region.ball_radius);
-    if (pairs > std::numeric_limits<std::int32_t>::max()) throwTooLarge();
-    if (rays.empty()) return {};
-    const double margin =
-        static_cast<double>(std::max({region.tau, region.band_radius, region.ball_radius}) + kRegionMargin);
-    LeafKeys keys;
-    std::uint64_t uppers = 1;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const Extent& along = axis == 0 ? x : axis == 1 ? y : z;
-      const auto blockOf = [](double voxels) { return static_cast<std::int64_t>(std::floor(voxels / 4096)); };
-      const std::int64_t low = blockOf(along.low - margin), high = blockOf(along.high + margin);
-      keys.low[axis] = static_cast<std::int32_t>(low);
-      keys.size[axis] = static_cast<std::uint32_t>(high - low + 1);
-      uppers *= keys.size[axis];
-      if (uppers > std::numeric_limits<std::uint32_t>::max()) throwTooLarge();
-    }
-    return keys;
-  }
-
   [[nodiscard]] ReachView viewOf(std::span<const ReturnRay> rays, std::uint32_t balls) {
     ReachView scan = {};
     scan.grid = grid_;
-    scan.key_space = keysFor(rays, balls);
+    scan.key_space = leafKeysFor(setting_.region, rays, balls);
     const DeviceList<ReturnRay> list = rays_.send(rays, memory_, stream());
     scan.rays = const_cast<ReturnRay*>(list.data);  // what they reach is noted in them
     scan.ray_count = list.count;
