@@ -24,7 +24,7 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kPointsPerTask = 256;
-/// Returns of a scan; more are sorted by all threads.
+/// Returns of a scan; more, or some that are too far apart for short places, are sorted by all threads.
 constexpr std::size_t kMostSortedByOne = std::size_t{1} << 17;
 /// Points are scattered in memory: each is prefetched this many points ahead of its use.
 constexpr std::size_t kPointsAhead = 6;
@@ -48,18 +48,18 @@ Index3 PointStore::voxelOf(const Eigen::Vector3d& p_L) const {
   return {ijk[0], ijk[1], ijk[2]};
 }
 
-/// The returns of a scan by place of their voxels.
+/// The returns of a scan by place of their voxels; those of one voxel in the order of the scan.
 void PointStore::sortReturns(std::span<const Eigen::Vector3f> p_L) {
   const tbb::blocked_range<std::size_t> all(0, p_L.size(), kPointsPerTask);
-  std::vector<KeyedReturn>&returns = groups_.returns, &unsorted = groups_.unsorted;
-  if (p_L.empty()) return returns.clear();
-  unsorted.resize(p_L.size());
+  std::vector<KeyedReturn>&returns = groups_.returns, &sorted = groups_.sorted;
+  returns.resize(p_L.size());
+  if (returns.empty()) return;
   const ShortPlaces::Box leaves = tbb::parallel_reduce(
       all, ShortPlaces::Box(),
       [&](const auto& range, ShortPlaces::Box box) {
         for (std::size_t n = range.begin(); n != range.end(); ++n) {
           const Index3 voxel = voxelOf(p_L[n]);
-          unsorted[n] = {placeOf(voxel), static_cast<std::uint32_t>(n)};
+          returns[n] = {placeOf(voxel), static_cast<std::uint32_t>(n)};
           box.add(parentOf(voxel));
         }
         return box;
@@ -69,21 +69,23 @@ void PointStore::sortReturns(std::span<const Eigen::Vector3f> p_L) {
         return box;
       });
   const ShortPlaces places(leaves);
-  const int bits_of_index = std::bit_width(p_L.size());
-  if (p_L.size() > kMostSortedByOne || places.bits() + bits_of_index > 64) {
-    returns = unsorted;
-    tbb::parallel_sort(returns, [](const KeyedReturn& a, const KeyedReturn& b) { return a.place < b.place; });
+  const int bits_of_index = std::bit_width(returns.size());
+  if (returns.size() > kMostSortedByOne || places.bits() + bits_of_index > 64) {
+    tbb::parallel_sort(returns, [](const KeyedReturn& a, const KeyedReturn& b) {
+      return std::tie(a.place, a.index) < std::tie(b.place, b.index);
+    });
     return;
   }
   std::vector<std::uint64_t>& order = groups_.order;
-  order.resize(p_L.size());
-  for (std::size_t n = 0; n < order.size(); ++n) order[n] = places(unsorted[n].place) << bits_of_index | n;
+  order.resize(returns.size());
+  for (std::size_t n = 0; n < order.size(); ++n) order[n] = places(returns[n].place) << bits_of_index | n;
   radixSort(order, groups_.spare, [bits_of_index](std::uint64_t item) { return item >> bits_of_index; });
-  returns.resize(p_L.size());
+  sorted.resize(returns.size());
   tbb::parallel_for(all, [&](const auto& range) {
     const std::uint64_t index = (std::uint64_t{1} << bits_of_index) - 1;
-    for (std::size_t n = range.begin(); n != range.end(); ++n) returns[n] = unsorted[order[n] & index];
+    for (std::size_t n = range.begin(); n != range.end(); ++n) sorted[n] = returns[order[n] & index];
   });
+  std::swap(returns, sorted);
 }
 
 /// Groups returns by place of the voxel, sorted by value, so that the order within the scan does not matter.
@@ -379,7 +381,7 @@ std::uint64_t PointStore::bytes() const {
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
          bytesOf(touched_.all) + bytesOf(touched_.before_L) + bytesOf(touched_.views_changed) +
          bytesOf(touched_.deltas) + bytesOf(touched_.changed_blocks) + bytesOf(groups_.returns) +
-         bytesOf(groups_.unsorted) + bytesOf(groups_.order) + bytesOf(groups_.spare) + bytesOf(groups_.begin) +
+         bytesOf(groups_.sorted) + bytesOf(groups_.order) + bytesOf(groups_.spare) + bytesOf(groups_.begin) +
          bytesOf(groups_.added) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_) + bytesOf(order_) +
          bytesOf(ties_) + attributes_.bytes();
 }

@@ -73,6 +73,7 @@ class PointStore {
   void indexNew();
   void sumReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                   std::span<const std::int32_t> attributes = {});
+  /// Gives the deltas of new points their blocks, which are kNone before.
   void endReturns();
   /// What the returns of points carry; nothing unless it was asked for.
   void carry(std::vector<CarriedAttribute> carried) { attributes_ = PointAttributes(std::move(carried)); }
@@ -124,10 +125,10 @@ class PointStore {
   };
   /// The returns of a scan, grouped by voxel.
   struct ReturnGroups {
-    std::vector<KeyedReturn> returns, unsorted;
-    std::vector<std::uint64_t> order, spare;  ///< for sorting
-    std::vector<std::uint32_t> begin;         ///< [groups + 1] first of each group in returns
-    std::vector<std::uint32_t> added;         ///< groups of new points
+    std::vector<KeyedReturn> returns, sorted;  ///< sorted, spare: for sorting
+    std::vector<std::uint64_t> order, spare;
+    std::vector<std::uint32_t> begin;  ///< [groups + 1] first of each group in returns
+    std::vector<std::uint32_t> added;  ///< groups of new points
 
     [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
     [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }

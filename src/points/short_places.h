@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Numbers for the places (placeOf) within a box of leaves, in the same order, but of as few bits as the box allows:
-/// those of a scan are sorted in half the time.
+/// those of a scan are sorted in less time.
 #pragma once
 
 #include <algorithm>

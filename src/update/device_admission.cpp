@@ -106,12 +106,12 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
     const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
     if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
   };
-  has_weights_ = is_in_map;
   if (is_in_map) {
     runBeside([&] { readWeightsOf(touched.all, weights_); }, note);  // waits for the device
   } else {
     note();
   }
+  has_weights_ = is_in_map;
 }
 
 void DeviceAdmission::growState() {

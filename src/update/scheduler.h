@@ -39,7 +39,8 @@ class UpdateScheduler {
 
   [[nodiscard]] virtual Needs needs() const { return {}; }
 
-  /// Call when the store has placed the returns of a scan, while it sums them up; only if needs().deltas.
+  /// Call when the store has put the new points of a scan into its index (PointStore::indexNew), while it sums up the
+  /// returns; only if needs().deltas.
   /// @param changed  TouchedPoints::changed_blocks
   virtual void noteBlocks(std::span<const std::uint32_t> /*changed*/) {}
   /// Call when one scan's returns are in the store. The map may still be integrating them, so this must not read it.

@@ -32,9 +32,10 @@ void expectSorted(const std::vector<std::uint64_t>& keys, std::vector<Item>& spa
 TEST(RadixSort, IsAStableSort) {
   std::mt19937_64 random(1);
   std::vector<Item> spare;
-  // All bits, few values, digits that differ in one place only, the highest bits of the last, shorter digit.
-  for (const std::uint64_t mask : {~std::uint64_t{0}, std::uint64_t{7}, std::uint64_t{0x3ff} << 30,
-                                   std::uint64_t{3} << 62, std::uint64_t{1} << 63 | 1, std::uint64_t{0}}) {
+  // All bits, few values, one digit in the middle, two digits that end with the highest bit, that bit with others.
+  for (const std::uint64_t mask :
+       {~std::uint64_t{0}, std::uint64_t{7}, std::uint64_t{0x3ff} << 30, std::uint64_t{0x1ffff} << 47,
+        std::uint64_t{3} << 62, std::uint64_t{1} << 63 | 1, std::uint64_t{0}}) {
     for (const std::size_t count : {0u, 1u, 2u, 3u, 1000u, 20'000u}) {
       std::vector<std::uint64_t> keys(count);
       for (std::uint64_t& key : keys) key = random() & mask;
