@@ -128,14 +128,12 @@ void PointStore::numberGroups() {
   locateGroups();
   const std::uint32_t before = size();
   added_.clear();
-  groups_.added.clear();
   touched.all.resize(places_.size());
   for (std::size_t g = 0; g < places_.size(); ++g) {
     touched.all[g] = places_[g].id;
     if (places_[g].id != kNone) continue;
     touched.all[g] = before + static_cast<std::uint32_t>(added_.size());
     added_.push_back({voxels_[g], touched.all[g], places_[g].block});
-    groups_.added.push_back(static_cast<std::uint32_t>(g));
   }
   touched.new_points = added_.size();
 }
@@ -150,10 +148,10 @@ void PointStore::indexNew() {
 }
 
 void PointStore::endReturns() {
-  if (!describe_touched_) return;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added_.size(), kPointsPerTask), [&](const auto& range) {
+  std::vector<kernels::PointDelta>& deltas = touched_.deltas;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, deltas.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      touched_.deltas[groups_.added[n]].block = added_[n].block;
+      if (deltas[n].block == kNone) deltas[n].block = block_[deltas[n].id];
     }
   });
 }
@@ -382,8 +380,7 @@ std::uint64_t PointStore::bytes() const {
          bytesOf(touched_.all) + bytesOf(touched_.before_L) + bytesOf(touched_.views_changed) +
          bytesOf(touched_.deltas) + bytesOf(touched_.changed_blocks) + bytesOf(groups_.returns) +
          bytesOf(groups_.sorted) + bytesOf(groups_.order) + bytesOf(groups_.spare) + bytesOf(groups_.begin) +
-         bytesOf(groups_.added) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_) + bytesOf(order_) +
-         bytesOf(ties_) + attributes_.bytes();
+         bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_) + bytesOf(order_) + bytesOf(ties_) + attributes_.bytes();
 }
 
 }  // namespace accessvdb::internal

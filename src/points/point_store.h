@@ -128,7 +128,6 @@ class PointStore {
     std::vector<KeyedReturn> returns, sorted;  ///< sorted, spare: for sorting
     std::vector<std::uint64_t> order, spare;
     std::vector<std::uint32_t> begin;  ///< [groups + 1] first of each group in returns
-    std::vector<std::uint32_t> added;  ///< groups of new points
 
     [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
     [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }
