@@ -277,6 +277,23 @@ class CpuBackend final : public Backend {
     }
   }
 
+  void readPoints(const PointStateView& points, const std::uint32_t* ids, StateRow* rows, std::size_t count) override {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 1024), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) rows[n] = stateRowOf(points, ids[n]);
+    });
+  }
+  void takeAllTold(const PointStateView& points, const ToldStates& states) override {
+    tbb::parallel_for(tbb::blocked_range<std::uint32_t>(0, (states.count + 63) / 64, 64), [&](const auto& range) {
+      for (std::uint32_t word = range.begin(); word != range.end(); ++word) {
+        std::uint64_t differ = 0;
+        for (std::uint32_t id = 64 * word; id < std::min(64 * word + 64, states.count); ++id) {
+          differ |= static_cast<std::uint64_t>(takeTold(points, states, id)) << (id & 63);
+        }
+        states.differ[word] = differ;
+      }
+    });
+  }
+
   std::unique_ptr<PreparedTool> prepareTool(const ToolKernelView& tool, const ApproachView& approach,
                                             float inverse_voxel_size) override {
     return std::make_unique<WindowedTool>(tool, approach, inverse_voxel_size);

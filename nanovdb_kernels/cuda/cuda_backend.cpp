@@ -12,6 +12,7 @@
 #include "cuda/memory/owned_event.h"
 #include "cuda/memory/pinned_buffer.h"
 #include "cuda/search/score_kernels.h"
+#include "cuda/search/told_points.h"
 #include "cuda/search/tool_fits.h"
 #include "cuda/update/updaters.h"
 
@@ -177,6 +178,32 @@ class Implementation final : public CudaBackend {
                           slot.stream);
         },
         [](Slot&) {});
+  }
+
+  void readPoints(const PointStateView& points, const std::uint32_t* ids, StateRow* rows, std::size_t count) override {
+    const CurrentDevice current(context_->device());
+    constexpr std::size_t kBoth = sizeof(StateRow) + sizeof(std::uint32_t);
+    inChunks(
+        count, [&](Slot& slot, std::uint32_t chunk) { reserve(slot, chunk * kBoth, chunk * kBoth); },
+        [&](Slot& slot) {
+          const std::size_t row_bytes = slot.count * sizeof(StateRow), id_bytes = slot.count * sizeof(std::uint32_t);
+          std::memcpy(slot.host.data() + row_bytes, ids + slot.first, id_bytes);
+          ACCESSVDB_CUDA(cudaMemcpyAsync(slot.memory.data() + row_bytes, slot.host.data() + row_bytes, id_bytes,
+                                         cudaMemcpyHostToDevice, slot.stream));
+          launchReadRows(points, reinterpret_cast<const std::uint32_t*>(slot.memory.data() + row_bytes),
+                         reinterpret_cast<StateRow*>(slot.memory.data()), slot.count, slot.stream);
+          ACCESSVDB_CUDA(
+              cudaMemcpyAsync(slot.host.data(), slot.memory.data(), row_bytes, cudaMemcpyDeviceToHost, slot.stream));
+        },
+        [&](Slot& slot) {
+          std::memcpy(static_cast<void*>(rows + slot.first), slot.host.data(), slot.count * sizeof(StateRow));
+        });
+  }
+
+  void takeAllTold(const PointStateView& points, const ToldStates& states) override {
+    const CurrentDevice current(context_->device());
+    launchTakeTold(points, states, context_->stream());
+    ACCESSVDB_CUDA(cudaStreamSynchronize(context_->stream()));
   }
 
   void scorePoints(const ScoreRequest& request) override {

@@ -11,6 +11,7 @@
 #include "hostdev/direction_search.h"
 #include "hostdev/point_input.h"
 #include "hostdev/point_update.h"
+#include "hostdev/told_state.h"
 #include "hostdev/views.h"
 #include "launch/device_array.h"
 #include "launch/due_evaluator.h"
@@ -67,6 +68,11 @@ class Backend : public DeviceMemory {
   /// Writes the seen directions of points of a wide set. @param rows  [count x PointStateView::direction_words]
   virtual void writeSeen(const PointStateView& points, const std::uint32_t* ids, const std::uint64_t* rows,
                          std::size_t count) = 0;
+  /// Reads the state of some points. @param ids  [count]  @param rows  [count] out
+  virtual void readPoints(const PointStateView& points, const std::uint32_t* ids, StateRow* rows,
+                          std::size_t count) = 0;
+  /// takeTold() of all points. @param states  in the backend's memory
+  virtual void takeAllTold(const PointStateView& points, const ToldStates& states) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
   virtual void fitTool(const FitRequest& request) = 0;
   /// Only called if makeExactUpdater() gave null.

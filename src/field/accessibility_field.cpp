@@ -38,6 +38,10 @@ void requireAlone(const FieldParams& params) {
                         "Use ChangeMode::Block, or RollingField");
 }
 
+std::uint64_t totalBytes(const MemoryUse& use) {
+  return use.map_bytes + use.mirror_bytes + use.distance_mirror_bytes + use.point_host_bytes + use.point_device_bytes;
+}
+
 }  // namespace
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
@@ -103,7 +107,7 @@ void AccessibilityField::setBudgetPoints(int points) {
     throw InvalidArgument("config.range", "budget_points", std::to_string(points) + " is outside 0 .. 2000000000",
                           "Use 0 for no limit");
   }
-  impl_->steps.settle();
+  impl_->steps.settleUpdate();
   impl_->budget_points = points;
 }
 
@@ -243,22 +247,9 @@ int AccessibilityField::collisionLimit(std::size_t tool) const { return impl_->t
 
 MemoryUse AccessibilityField::memoryUse() const {
   impl_->steps.settle();
-  MemoryUse use;
+  MemoryUse use = impl_->pointMemory();
   use.map_bytes = impl_->volume.memoryBytes();
   use.mirror_bytes = impl_->mirrors.factBytes();
-  use.distance_mirror_bytes = impl_->mirrors.distanceBytes();
-  use.point_host_bytes = impl_->tools.hostBytes() + impl_->views.bytes() + impl_->gate.bytes() +
-                         impl_->gone_points.bytes() + impl_->left_out_points.bytes();
-  if (impl_->gone_cells) use.point_host_bytes += impl_->gone_cells->bytes();
-  use.point_device_bytes = impl_->tools.deviceBytes();
-  // A device that fails while removeRegion() makes it again leaves a field without it.
-  if (impl_->scheduler) {
-    use.point_host_bytes += impl_->scheduler->bytes();
-    use.point_device_bytes += impl_->scheduler->deviceBytes();
-  }
-  if (impl_->lead) {
-    use.point_device_bytes += impl_->lead->deviceBytes();
-  }
   use.device_peak_bytes = impl_->backend->peakBytes();
   use.leaves = impl_->volume.leafCount();
   use.active_voxels = impl_->volume.activeVoxelCount();
@@ -294,6 +285,28 @@ AccessibilityField AccessibilityField::loadState(const std::filesystem::path& fi
 }
 
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
+
+std::vector<SurfacePoint> internal::FieldAccess::takeChanged(AccessibilityField& field) {
+  auto& impl = *field.impl_;
+  if (!impl.changed_points) impl.changed_points = std::make_unique<ChangedPoints>(*impl.backend, impl.tools.size() > 1);
+  if (impl.changed_points->comparesAll()) {
+    impl.steps.requireWhole();  // values of all points are read from the host's map
+  } else {
+    impl.steps.requireUpdated();
+  }
+  return impl.arena.execute([&] { return impl.changed_points->take(impl); });
+}
+
+std::uint64_t internal::FieldAccess::heldBytes(const AccessibilityField& field, std::uint64_t exact_above) {
+  auto& impl = *field.impl_;
+  impl.steps.settleUpdate();
+  if (impl.leads()) {
+    const MapBytes map = impl.lead->mapBytes();
+    const std::uint64_t others = totalBytes(impl.pointMemory());
+    if (others + map.held + map.at_most_more <= exact_above) return others + map.held;
+  }
+  return totalBytes(field.memoryUse());
+}
 
 FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
                                                  std::span<const Eigen::Vector3f> q_L, double stamp_s,

@@ -78,6 +78,13 @@ struct FieldAccess {
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
   [[nodiscard]] static const PackedMap& map(const AccessibilityField& field);
   [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
+  /// Points that are new, or whose label, reason, direction or tools changed, since the call before; the first call has
+  /// all. By id; of a tile, those of its core. If it throws, the next call has them. Waits for an update, but not for
+  /// the host's map where a device leads.
+  [[nodiscard]] static std::vector<SurfacePoint> takeChanged(AccessibilityField& field);
+  /// All bytes of memoryUse(). Where a device leads it does not wait for the host's map, and counts what that has,
+  /// unless with the scans on their way it may be more than `exact_above`.
+  [[nodiscard]] static std::uint64_t heldBytes(const AccessibilityField& field, std::uint64_t exact_above);
   /// In place of what memoryUse() says of mirrors and points in the backend's memory: all that this field holds there,
   /// and on the host for it. Nothing on the CPU.
   [[nodiscard]] static std::optional<FieldGpuUse> gpuUse(const AccessibilityField& field);

@@ -114,6 +114,27 @@ void FieldStages::scoreAllAgain() {
   scheduler = tools.makeScheduler();
   scheduler->noteRestored();
   labels.current = false;
+  if (changed_points) changed_points->compareAll();
+}
+
+MemoryUse FieldStages::pointMemory() const {
+  MemoryUse use;
+  use.distance_mirror_bytes = mirrors.distanceBytes();
+  use.point_host_bytes =
+      tools.hostBytes() + views.bytes() + gate.bytes() + gone_points.bytes() + left_out_points.bytes();
+  if (gone_cells) use.point_host_bytes += gone_cells->bytes();
+  use.point_device_bytes = tools.deviceBytes();
+  // A device that fails while removeRegion() makes it again leaves a field without it.
+  if (scheduler) {
+    use.point_host_bytes += scheduler->bytes();
+    use.point_device_bytes += scheduler->deviceBytes();
+  }
+  if (lead) use.point_device_bytes += lead->deviceBytes();
+  if (changed_points) {
+    use.point_host_bytes += changed_points->hostBytes();
+    use.point_device_bytes += changed_points->deviceBytes();
+  }
+  return use;
 }
 
 std::optional<VoxelColumnBox> FieldStages::core() const {

@@ -22,6 +22,7 @@
 #include "field/left_out_points.h"
 #include "field/left_out_returns.h"
 #include "field/mirrors.h"
+#include "field/query/changed_points.h"
 #include "field/query/field_views.h"
 #include "field/query/pose_fits.h"
 #include "field/regions/what_if.h"
@@ -78,6 +79,9 @@ struct FieldStages {
   FieldStages(const FieldStages&) = delete;
   FieldStages& operator=(const FieldStages&) = delete;
 
+  /// AccessibilityField::memoryUse(), without the map and its mirror of facts.
+  [[nodiscard]] MemoryUse pointMemory() const;
+
   /// Of a tile, whose other points are not the user's.
   [[nodiscard]] std::optional<VoxelColumnBox> core() const;
   /// Points that are unscored whatever their state says; by id.
@@ -110,8 +114,9 @@ struct FieldStages {
   FieldViews views;
   PoseFits pose_fits;
   LabelState labels;
-  std::optional<ScanUnderWay> under_way;         ///< between beginScan() and endScan()
-  std::unique_ptr<WhatIfTables> what_if_tables;  ///< made when first needed
+  std::unique_ptr<ChangedPoints> changed_points;  ///< made when first asked for
+  std::optional<ScanUnderWay> under_way;          ///< between beginScan() and endScan()
+  std::unique_ptr<WhatIfTables> what_if_tables;   ///< made when first needed
   FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others
 
  private:

@@ -116,6 +116,11 @@ class FieldSteps {
     settle();
     requireUnbroken();
   }
+  /// The same, but the host's map may be behind: for what needs only the points and the device's map.
+  void requireUpdated() {
+    settleUpdate();
+    requireUnbroken();
+  }
   /// Points and map on the host suffice. Waits for the update.
   void requireHostWhole() {
     settle();

@@ -23,6 +23,14 @@ constexpr std::size_t kRaysPerTask = 256;
 
 constexpr const char* kDiverged = "device.diverged";
 
+/// Bytes that a scan adds to the map and its mirror, at most: as if all that it reached were new.
+std::uint64_t atMostBytes(const kernels::FusedScan& fused, const kernels::GridSpace& space) {
+  const kernels::GrowthCounts added = fused.growth.counts();
+  constexpr std::uint64_t kOfLeaf = kObservedLeafBytes + sizeof(VoxelVotes) + sizeof(std::uint32_t);
+  return fused.touched_leaves * kOfLeaf + added.lowers * sizeof(PackedLowerNode) +
+         added.uppers * sizeof(PackedUpperNode) + kernels::growthBytes(space, added);
+}
+
 }  // namespace
 
 void throwDiverged() {
@@ -105,13 +113,16 @@ std::optional<kernels::FusedScan> LeadingMap::fuse(std::span<const Eigen::Vector
     return std::nullopt;
   }
   returning_.note(fused.returned_leaves, fused.touched_leaves);
+  const std::uint64_t at_most_bytes = atMostBytes(fused, space_);
   space_ = kernels::grown(space_, fused.growth.counts());
   const kernels::GridGrowth& added = fused.growth;
   {
     const std::lock_guard lock(mutex_);
+    if (growths_.empty()) held_bytes_ = heldNow();  // others may have changed the map
     growths_.push_back({{added.uppers.begin(), added.uppers.end()},
                         {added.lowers.begin(), added.lowers.end()},
-                        {added.leaves.begin(), added.leaves.end()}});
+                        {added.leaves.begin(), added.leaves.end()},
+                        at_most_bytes});
   }
   scan_.p_L.assign(p_L.begin(), p_L.end());
   scan_.q_L.assign(q_L.begin(), q_L.end());
@@ -141,6 +152,7 @@ std::uint64_t LeadingMap::takeIntoMap(const MapFollower::Scan& scan) {
     }
   });
   growths_.pop_front();
+  held_bytes_ = heldNow();
   return hash;
 }
 
@@ -152,10 +164,9 @@ void LeadingMap::reserve(std::uint64_t more_bytes) {
 
 void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights) {
   static_assert(std::is_same_v<Index3, kernels::GridGrowth::Origin>);
-  // Of a map that was loaded, or that a region was removed from, all points are asked for, and the device has no
-  // values.
+  // So many are of all points: the device may not have the values, or would lose others for them.
   constexpr std::size_t kMany = std::size_t{1} << 19;
-  if (voxels.size() >= kMany && follower_.behind() == 0) {
+  if (voxels.size() >= kMany && hostHasAll()) {
     readWeightsOfMap(map_, reach, voxels, weights);
     return;
   }
@@ -194,6 +205,15 @@ void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
     }
   });
   if (!has_all) throwDiverged();
+}
+
+MapBytes LeadingMap::mapBytes() {
+  const std::lock_guard lock(mutex_);
+  if (growths_.empty()) return {heldNow(), 0};
+  // What the host keeps of the mirror's topology is in containers that may double.
+  MapBytes bytes = {held_bytes_, facts_.hostBytes()};
+  for (const Growth& growth : growths_) bytes.at_most_more += growth.at_most_bytes;
+  return bytes;
 }
 
 void LeadingMap::catchUp() {

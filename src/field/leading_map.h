@@ -32,6 +32,12 @@ struct HeldByMap {
 };
 [[nodiscard]] HeldByMap heldBy(const PackedMap& map);
 
+/// Of a map and its mirror of facts.
+struct MapBytes {
+  std::uint64_t held = 0;          ///< on the host, and in the mirror
+  std::uint64_t at_most_more = 0;  ///< once the host has all scans
+};
+
 /// @throws DeviceError "device.diverged"
 [[noreturn]] void throwDiverged();
 
@@ -61,6 +67,8 @@ class LeadingMap final : private kernels::FollowingMap {
                                                        std::span<const Eigen::Vector3f> q_L, const ScanFrame& frame);
   /// For a scan that cannot be fused because the device failed. @throws what failed on the host
   void takeOnHost(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L, const ScanFrame& frame);
+  /// Whether the host's map has all scans.
+  [[nodiscard]] bool hostHasAll() const { return follower_.behind() == 0; }
   /// As MapReads::weights_at, of the device's map. Thread-safe.
   void readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights);
 
@@ -79,11 +87,14 @@ class LeadingMap final : private kernels::FollowingMap {
   void forgetDevice() { fuser_.reset(); }
 
   [[nodiscard]] std::uint64_t deviceBytes() const { return fuser_ ? fuser_->bytes() : 0; }
+  /// Does not wait for the host's map.
+  [[nodiscard]] MapBytes mapBytes();
 
  private:
   /// Nodes that the device added, until the host's topology has them.
   struct Growth {
     std::vector<kernels::GridGrowth::Origin> uppers, lowers, leaves;
+    std::uint64_t at_most_bytes = 0;  ///< that the scan adds to the map and the mirror
   };
 
   void read(std::span<kernels::LeafRecord> leaves) override;
@@ -91,6 +102,7 @@ class LeadingMap final : private kernels::FollowingMap {
   void wait() override { follower_.join(); }
 
   [[nodiscard]] std::uint64_t takeIntoMap(const MapFollower::Scan& scan);
+  [[nodiscard]] std::uint64_t heldNow() const { return map_.memoryBytes() + facts_.usedBytes() + facts_.hostBytes(); }
   void leave();
   void reserve(std::uint64_t more_bytes);
 
@@ -103,11 +115,12 @@ class LeadingMap final : private kernels::FollowingMap {
   ReturningValues returning_;
   std::vector<kernels::ReturnRay> rays_;
   bool prepared_ = false;
-  bool knows_space_ = false;    ///< nobody else changed the grid since
-  kernels::GridSpace space_;    ///< of the device's grid
-  std::mutex asking_;           ///< of what readWeightsAt() uses
-  std::mutex mutex_;            ///< of the mirror's topology, and of what follows
-  std::deque<Growth> growths_;  ///< of the scans that the host's map has not got yet
+  bool knows_space_ = false;      ///< nobody else changed the grid since
+  kernels::GridSpace space_;      ///< of the device's grid
+  std::mutex asking_;             ///< of what readWeightsAt() uses
+  std::mutex mutex_;              ///< of the mirror's topology, and of what follows
+  std::deque<Growth> growths_;    ///< of the scans that the host's map has not got yet
+  std::uint64_t held_bytes_ = 0;  ///< when the host's map got the latest scan
   std::unique_ptr<kernels::ScanFuser> fuser_;
   MapFollower::Scan scan_;  ///< its memory is reused
   MapFollower follower_;    ///< the last member: destroyed first, it waits for the host's map

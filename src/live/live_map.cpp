@@ -2,19 +2,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "live/live_map.h"
 
+#include <limits>
 #include <string>
 #include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/surface_points.h"
+#include "field/field_access.h"
 #include "io/poses/levelling.h"
 
 namespace accessvdb::internal {
 namespace {
-
-std::uint64_t bytesOf(const MemoryUse& use) {
-  return use.map_bytes + use.mirror_bytes + use.distance_mirror_bytes + use.point_host_bytes + use.point_device_bytes;
-}
 
 template <typename Field>
 FrameStats integrateInto(Field& field, const io::ScanRecord& record, double stamp_s) {
@@ -33,8 +31,7 @@ LiveMap::LiveMap(std::vector<ToolSpec> tools, const FieldParams& params, const L
 LiveMap::Map LiveMap::make(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
                            const TableProgress& progress) {
   if (!options.rolling) {
-    const bool several = tools.size() > 1;
-    return OneField{AccessibilityField(std::move(tools), params, progress), ChangedPoints(several)};
+    return AccessibilityField(std::move(tools), params, progress);
   }
   RollingOptions rolling = *options.rolling;
   rolling.memory_limit_bytes = options.memory_limit_bytes;
@@ -64,15 +61,15 @@ void LiveMap::goOnLevel(const std::filesystem::path& folder, LivePoses& poses) c
                       "Use what it was made with, or another folder");
 }
 
-AccessibilityField& LiveMap::field() { return one().field; }
+AccessibilityField& LiveMap::field() { return oneOf(map_); }
 
 FrameStats LiveMap::integrate(const io::ScanRecord& record, double stamp_s) {
   RollingField* const tiles = rolling();
-  return tiles != nullptr ? integrateInto(*tiles, record, stamp_s) : integrateInto(one().field, record, stamp_s);
+  return tiles != nullptr ? integrateInto(*tiles, record, stamp_s) : integrateInto(field(), record, stamp_s);
 }
 
 UpdateStats LiveMap::update() {
-  if (rolling() == nullptr) return one().field.update();
+  if (rolling() == nullptr) return field().update();
   try {
     return rolling()->update();
   } catch (const OutputError&) {  // afterwards: RollingStatus::unsaved
@@ -81,22 +78,21 @@ UpdateStats LiveMap::update() {
 }
 
 std::vector<SurfacePoint> LiveMap::takeChanged() {
-  return rolling() != nullptr ? rolling()->takeChanged() : one().changes.since(*one().field.points());
+  return rolling() != nullptr ? rolling()->takeChanged() : FieldAccess::takeChanged(field());
 }
 
 void LiveMap::leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m) {
   if (rolling() != nullptr) {
     rolling()->leaveOut(centres_W, radius_m);
   } else {
-    one().field.leaveOut(centres_W, radius_m);
+    field().leaveOut(centres_W, radius_m);
   }
 }
 
 void LiveMap::reset() {
-  OneField& before = one();
-  const std::vector<ToolSpec> tools = before.field.tools();
-  before.field = AccessibilityField(tools, given_params_);
-  before.changes = ChangedPoints(tools.size() > 1);
+  AccessibilityField& before = field();
+  const std::vector<ToolSpec> tools = before.tools();
+  before = AccessibilityField(tools, given_params_);
 }
 
 void LiveMap::tell(LiveStatus& status) {
@@ -106,20 +102,21 @@ void LiveMap::tell(LiveStatus& status) {
     status.surface_points = status.rolling->points;
     return;
   }
-  AccessibilityField& field = one().field;
-  status.memory_bytes = bytesOf(field.memoryUse());
+  AccessibilityField& field = this->field();
+  status.memory_bytes =
+      FieldAccess::heldBytes(field, limit_bytes_ > 0 ? limit_bytes_ : std::numeric_limits<std::uint64_t>::max());
   if (field.grows() && limit_bytes_ > 0 && status.memory_bytes > limit_bytes_) field.stopGrowing();
   status.memory_full = !field.grows();
 }
 
-const FieldParams& LiveMap::params() const { return rolling() != nullptr ? rolling()->params() : one().field.params(); }
+const FieldParams& LiveMap::params() const { return rolling() != nullptr ? rolling()->params() : oneOf(map_).params(); }
 
 const std::vector<ToolSpec>& LiveMap::tools() const {
-  return rolling() != nullptr ? rolling()->tools() : one().field.tools();
+  return rolling() != nullptr ? rolling()->tools() : oneOf(map_).tools();
 }
 
 Eigen::Vector3d LiveMap::origin_W() const {
-  return rolling() != nullptr ? rolling()->origin_W() : one().field.origin_W();
+  return rolling() != nullptr ? rolling()->origin_W() : oneOf(map_).origin_W();
 }
 
 }  // namespace accessvdb::internal

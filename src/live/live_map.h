@@ -17,7 +17,6 @@
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_spec.h"
 #include "live/live_poses.h"
-#include "points/changed_points.h"
 
 namespace accessvdb::internal {
 
@@ -30,7 +29,7 @@ class LiveMap {
   FrameStats integrate(const io::ScanRecord& record, double stamp_s);
   UpdateStats update();
   /// AccessibilityField::setBudgetPoints(). @throws InvalidArgument "live.rolling" of a rolling map
-  void setBudgetPoints(int points) { one().field.setBudgetPoints(points); }
+  void setBudgetPoints(int points) { field().setBudgetPoints(points); }
   /// As LiveStep::changed. After an update().
   [[nodiscard]] std::vector<SurfacePoint> takeChanged();
   void leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m);
@@ -55,21 +54,15 @@ class LiveMap {
   [[nodiscard]] const RollingField* rolling() const { return std::get_if<RollingField>(&map_); }
 
  private:
-  struct OneField {
-    AccessibilityField field;
-    ChangedPoints changes;
-  };
-  using Map = std::variant<OneField, RollingField>;
+  using Map = std::variant<AccessibilityField, RollingField>;
   static Map make(std::vector<ToolSpec> tools, const FieldParams& params, const LiveOptions& options,
                   const TableProgress& progress);
   template <typename AnyMap>
   [[nodiscard]] static auto& oneOf(AnyMap& map) {
-    if (auto* const one = std::get_if<OneField>(&map)) return *one;
+    if (auto* const one = std::get_if<AccessibilityField>(&map)) return *one;
     refuseTiles();
   }
   [[noreturn]] static void refuseTiles();
-  [[nodiscard]] const OneField& one() const { return oneOf(map_); }
-  [[nodiscard]] OneField& one() { return oneOf(map_); }
 
   FieldParams given_params_;
   std::uint64_t limit_bytes_;

@@ -350,8 +350,8 @@ struct ACCESSVDB_PRIVATE RollingField::Impl {
 
   /// Adds what changed with an update of the tile.
   void noteChanged(RollingTile& tile) {
-    if (!tile.told) return;
-    for (SurfacePoint& point : tile.told->since(*tile.field.points())) {
+    if (!options.notes_changes) return;
+    for (SurfacePoint& point : internal::FieldAccess::takeChanged(tile.field)) {
       point.id = tile.ids[point.id];
       if (point.id != RollingTile::kNotOurs) changed.push_back(point);
     }

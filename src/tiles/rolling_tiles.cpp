@@ -38,7 +38,7 @@ void advanceTime(RollingTile& tile, const MapTime& time) {
 
 void RollingTile::measure() {
   const MemoryUse use = field.memoryUse();
-  bytes.memory = use.map_bytes + use.point_host_bytes + ids.capacity() * sizeof ids[0] + (told ? told->bytes() : 0);
+  bytes.memory = use.map_bytes + use.point_host_bytes + ids.capacity() * sizeof ids[0];
   const auto of_gpu = internal::FieldAccess::gpuUse(field);
   bytes.memory += of_gpu ? of_gpu->host_bytes : use.mirror_bytes + use.distance_mirror_bytes + use.point_device_bytes;
   bytes.device = of_gpu ? of_gpu->device_bytes : 0;
@@ -60,7 +60,6 @@ RollingTile RollingTiles::newTile(const TileIndex& id) const {
   FieldParams params = params_;
   params.window = idOf(id).window(tile_voxels_);
   RollingTile tile(internal::FieldAccess::make(tools_, params, *tables_));
-  if (notes_changes_) tile.told.emplace(tools_.size() > 1);
   return tile;
 }
 
@@ -269,10 +268,7 @@ RollingTile RollingTiles::readBack(const TileIndex& id, std::uint64_t serial, co
   files.requireWritten(state, files_sha256);
   RollingTile tile(internal::FieldAccess::load(state, tools_, params_, {}, tables_.get()));
   tile.ids = files.readIds(internal::FieldAccess::points(tile.field).size(), files_sha256);
-  if (notes_changes_) {
-    tile.told.emplace(tools_.size() > 1);
-    static_cast<void>(tile.told->since(*tile.field.points()));  // before it left
-  }
+  if (notes_changes_) static_cast<void>(internal::FieldAccess::takeChanged(tile.field));  // told before it left
   return tile;
 }
 

@@ -24,7 +24,6 @@
 #include "accessvdb/tool_spec.h"
 #include "field/field_access.h"
 #include "field/tools/shared_tables.h"
-#include "points/changed_points.h"
 #include "tiles/disk_thread.h"
 #include "tiles/json_file.h"
 #include "tiles/ray_shard.h"
@@ -76,12 +75,10 @@ class RollingTile {
   std::uint64_t returns = 0;
   /// Of its returns, as in rays/; none if tile run would make other files of them.
   std::optional<RayDigest> rays = RayDigest();
-  bool lost = false;       ///< made anew, closed, because its state was damaged
-  bool updated = false;    ///< at least once
-  bool behind = false;     ///< a scan came after the last update
-  std::size_t closed = 0;  ///< so many of RollingTiles::closed() are in the field
-  /// What was told of its points (RollingField::takeChanged()), if that is asked for.
-  std::optional<internal::ChangedPoints> told;
+  bool lost = false;                   ///< made anew, closed, because its state was damaged
+  bool updated = false;                ///< at least once
+  bool behind = false;                 ///< a scan came after the last update
+  std::size_t closed = 0;              ///< so many of RollingTiles::closed() are in the field
   TileBytes bytes;                     ///< as last measured
   std::optional<StoredTile> as_saved;  ///< its files, if nothing has changed since they were written
   /// Its files are being written: nobody else may use the field. Of a tile that has no as_saved.
@@ -103,7 +100,7 @@ class RollingTiles {
     std::uint64_t memory_bytes = 0, device_bytes = 0;  ///< 0 = none
   };
   /// @param params  as the user gave them; the origin comes with the first scan  @param tables  of these tools
-  /// @param notes_changes  whether RollingTile::told is kept
+  /// @param notes_changes  whether takeChanged() is asked of tiles
   RollingTiles(std::vector<ToolSpec> tools, const FieldParams& params, std::unique_ptr<internal::SharedTables> tables,
                std::filesystem::path folder, const Limits& limits, std::int32_t tile_voxels, bool notes_changes);
 

@@ -12,6 +12,7 @@ namespace accessvdb::internal {
 
 using PackedTree = openvdb::tree::Tree4<PackedVoxel, 5, 4, 3>::Type;
 using PackedLeaf = PackedTree::LeafNodeType;
+using PackedUpperNode = PackedTree::RootNodeType::ChildNodeType;
 using PackedLowerNode = PackedTree::RootNodeType::ChildNodeType::ChildNodeType;  ///< of 16^3 leaves
 /// Caches inner nodes only. OpenVDB's default accessors also cache the leaf's buffer, and thereby allocate an
 /// uninitialised one for leaves without, and take compact values for plain ones: never use them on this tree.

@@ -170,10 +170,9 @@ std::uint64_t PackedMap::memoryBytes() const {
   if (votes_ != nullptr) bytes += votes_->bytes();
   if (generations_ != nullptr) bytes += generations_->records().bytes();
   if (!left_out_.empty()) bytes += left_out_.bytes();
-  const auto nodes = tree_.nodeCount();  // leaf, lower, upper, root
-  if (nodes.size() >= 3) {
-    bytes += nodes[1] * sizeof(PackedTree::RootNodeType::ChildNodeType::ChildNodeType);
-    bytes += nodes[2] * sizeof(PackedTree::RootNodeType::ChildNodeType);
+  // Not nodeCount(), which looks at every lower node: a live map asks this after every scan.
+  for (auto upper = tree_.root().cbeginChildOn(); upper; ++upper) {
+    bytes += sizeof(PackedUpperNode) + upper->getChildMask().countOn() * sizeof(PackedLowerNode);
   }
   return bytes;
 }

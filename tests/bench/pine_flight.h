@@ -40,10 +40,9 @@ struct FlightScan {
   std::vector<Eigen::Vector3f> p_L;  ///< [kFlightReturns]
 };
 
-/// The frame is that of the first pose, as in ScanGate.
-inline std::vector<FlightScan> simulateFlight(int frames) {
+/// Gives one scan per frame.
+inline sim::Simulator flightSimulator(int frames) {
   constexpr double kSpeed_m_s = 1, kView_m = 30;
-  constexpr int kFramesAhead = 16;
   sim::ForestParams params;
   params.path_length_m = kSpeed_m_s * kFlightPeriod_s * frames;
   params.view_m = kView_m;
@@ -55,8 +54,14 @@ inline std::vector<FlightScan> simulateFlight(int frames) {
   sensor.range_noise_m = kFlightNoise_m;
   sensor.min_range_m = 0.2;
   sensor.max_range_m = kView_m;
-  const sim::Simulator simulator(sim::RayCaster(std::move(forest.meshes), forest.placed), "forest", sensor,
-                                 sim::forestFlight(kSpeed_m_s, kFlightPeriod_s, frames), 1);
+  return {sim::RayCaster(std::move(forest.meshes), forest.placed), "forest", sensor,
+          sim::forestFlight(kSpeed_m_s, kFlightPeriod_s, frames), 1};
+}
+
+/// The frame is that of the first pose, as in ScanGate.
+inline std::vector<FlightScan> simulateFlight(int frames) {
+  constexpr int kFramesAhead = 16;
+  const sim::Simulator simulator = flightSimulator(frames);
   std::vector<FlightScan> scans;
   Eigen::Vector3d origin_W = Eigen::Vector3d::Zero();
   for (int begin = 0; begin < frames; begin += kFramesAhead) {

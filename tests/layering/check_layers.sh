@@ -40,7 +40,7 @@ bags     std api eigen bzip2 lz4 sqlite zlib zstd
 io       std posix api grids eigen openvdb vdb tbb lzf openssl json bags
 picture  std api eigen tbb io png
 field    std posix api grids eigen openvdb vdb tbb launch hostdev processor tsdf mirror points change update tool io
-live     std api grids eigen openvdb tbb tsdf points io
+live     std api eigen io field
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points update tool field io json
 report   std api eigen tool io zlib openssl json
 capi     std api eigen

@@ -24,6 +24,13 @@ class ListeningBackend final : public kernels::Backend {
   std::unique_ptr<kernels::MirrorArena> makeArena() override { return cpu_->makeArena(); }
   void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
   void writeSeen(const kernels::PointStateView&, const std::uint32_t*, const std::uint64_t*, std::size_t) override {}
+  void readPoints(const kernels::PointStateView& points, const std::uint32_t* ids, kernels::StateRow* rows,
+                  std::size_t count) override {
+    cpu_->readPoints(points, ids, rows, count);
+  }
+  void takeAllTold(const kernels::PointStateView& points, const kernels::ToldStates& states) override {
+    cpu_->takeAllTold(points, states);
+  }
   void scorePoints(const kernels::ScoreRequest&) override {}
   void fitTool(const kernels::FitRequest&) override {}
   std::unique_ptr<kernels::ExactUpdater> makeExactUpdater(const kernels::ExactTables& tables) override {

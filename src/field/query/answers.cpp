@@ -95,6 +95,12 @@ std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field) {
   return pointsOf(field, std::move(each));
 }
 
+std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field, std::span<const std::uint32_t> ids) {
+  PointsOfEach each;
+  for (std::size_t k = 0; k < field.tools.size(); ++k) each.push_back(scoredPoints(scoredFor(field, k), ids));
+  return pointsOf(field, std::move(each));
+}
+
 SurfacePoint scoredPoint(const FieldStages& field, std::uint32_t id) {
   std::vector<SurfacePoint> each;
   for (std::size_t k = 0; k < field.tools.size(); ++k) each.push_back(scoredPoint(scoredFor(field, k), id));

@@ -26,6 +26,9 @@ void requireIds(const FieldStages& field, std::span<const std::uint32_t> ids);
 [[nodiscard]] ScoredField scoredFor(const FieldStages& field, std::size_t tool);
 /// All points, with the state of the best tool at each.
 [[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field);
+/// Some of them, by ids that ascend, of the core for a tile.
+[[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field,
+                                                                std::span<const std::uint32_t> ids);
 [[nodiscard]] SurfacePoint scoredPoint(const FieldStages& field, std::uint32_t id);
 
 /// All points, scored anew. @param tests  if not null, how many (point, direction) tests that took

@@ -20,11 +20,12 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::uint32_t kWeightsPerBlock = 1 << 16;
+/// At most; so many points that a device that leads is not asked (readsOfLead()).
+constexpr std::uint32_t kWeightsPerBlock = 1 << 19;
 
-/// A slice of the state arrays on the host. Ids beyond its end were added after the last update.
+/// The state of some points on the host, in their order. Those beyond its end were added after the last update.
 struct HostState {
-  std::uint32_t first = 0, size = 0;
+  std::uint32_t size = 0;
   std::vector<std::uint16_t> score, direction;
   std::vector<float> stability, normal_L;
   std::vector<PointLabel> label;
@@ -33,7 +34,7 @@ struct HostState {
 
   HostState() = default;  // for no points
   HostState(const PointScorer& scorer, kernels::Backend& backend, std::uint32_t begin, std::uint32_t end)
-      : first(begin), size(std::min(end, scorer.device().size()) - std::min(begin, scorer.device().size())) {
+      : size(std::min(end, scorer.device().size()) - std::min(begin, scorer.device().size())) {
     const kernels::PointStateView view = scorer.device().view();
     const auto fetch = [&](auto& to, const auto* from, std::size_t values_per_point) {
       to.resize(values_per_point * size);
@@ -48,35 +49,49 @@ struct HostState {
     ToldPoints{label, reason, score, direction, begin}.withhold({{}, scorer.waiting()});
     if (view.roll != nullptr) fetch(roll, view.roll, 1);
   }
+  /// @param ids  ascending
+  HostState(const PointScorer& scorer, kernels::Backend& backend, std::span<const std::uint32_t> ids) {
+    const auto known = std::ranges::lower_bound(ids, scorer.device().size());
+    size = static_cast<std::uint32_t>(known - ids.begin());
+    std::vector<kernels::StateRow> rows(size);
+    const kernels::PointStateView view = scorer.device().view();
+    backend.readPoints(view, ids.data(), rows.data(), size);
+    score.resize(size);
+    direction.resize(size);
+    stability.resize(size);
+    normal_L.resize(std::size_t{3} * size);
+    label.resize(size);
+    reason.resize(size);
+    if (view.roll != nullptr) roll.resize(size);
+    tbb::parallel_for(std::uint32_t{0}, size, [&](std::uint32_t n) {
+      const kernels::StateRow& row = rows[n];
+      score[n] = row.score;
+      direction[n] = row.direction;
+      stability[n] = row.stability;
+      std::copy_n(row.normal_L, 3, normal_L.begin() + std::ptrdiff_t{3} * n);
+      label[n] = row.label;
+      reason[n] = row.reason;
+      if (view.roll != nullptr) roll[n] = row.roll;
+      ToldPoints{{&label[n], 1}, {&reason[n], 1}, {&score[n], 1}, {&direction[n], 1}, ids[n]}.withhold(
+          {{}, scorer.waiting()});
+    });
+  }
 };
 
-/// The points whose ids are first, first + 1 ...
+/// Some points, by id.
 class ScoredPoints final : public SurfacePoints {
  public:
+  /// Those whose ids are first, first + 1 ...
   ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count)
-      : scorer_(field.scorer),
-        origin_W_(field.origin_W),
-        some_wait_(field.some_wait),
-        withheld_(field.withheld),
-        attributes_(field.attributes),
-        state_(std::move(state)),
-        first_(first),
-        weights_(count),
-        rolls_(field.rolls.count),
-        probability_(scorer_.params(), field.collision_limit),
-        headings_(toolHeadings(scorer_.params().approach, field.rolls)) {
-    std::vector<std::uint32_t> ids(std::min(count, kWeightsPerBlock));
-    for (std::uint32_t begin = 0; begin < count; begin += kWeightsPerBlock) {
-      ids.resize(std::min(count - begin, kWeightsPerBlock));
-      std::iota(ids.begin(), ids.end(), first + begin);
-      scorer_.reads().weights(ids, std::span(weights_).subspan(begin, ids.size()));
-    }
-  }
+      : ScoredPoints(field, std::move(state), first, count, {}) {}
+  /// @param ids  ascending
+  ScoredPoints(const ScoredField& field, HostState state, std::span<const std::uint32_t> ids)
+      : ScoredPoints(field, std::move(state), 0, static_cast<std::uint32_t>(ids.size()), {ids.begin(), ids.end()}) {}
 
   [[nodiscard]] std::size_t size() const override { return weights_.size(); }
   [[nodiscard]] SurfacePoint at(std::size_t index) const override;
   [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override {
-    return origin_W_ + scorer_.points().first_L(first_ + static_cast<std::uint32_t>(index)).cast<double>();
+    return origin_W_ + scorer_.points().first_L(idOf(index)).cast<double>();
   }
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return origin_W_; }
   [[nodiscard]] double voxel_size_m() const override { return scorer_.params().tsdf.voxel_size_m; }
@@ -92,7 +107,7 @@ class ScoredPoints final : public SurfacePoints {
   [[nodiscard]] std::optional<FirstReturn> firstReturn(std::size_t index) const override {
     const std::size_t columns = attributes_ == nullptr ? 0 : attributes_->columns();
     if (columns < 3 || attributes_->carried()[columns - 1].name != kFirstReturnNames[2]) return std::nullopt;
-    const std::uint32_t id = first_ + static_cast<std::uint32_t>(index);
+    const std::uint32_t id = idOf(index);
     const auto half = [&](std::size_t c) {
       return std::uint64_t{std::bit_cast<std::uint32_t>(attributes_->value(id, columns - 3 + c))};
     };
@@ -103,10 +118,41 @@ class ScoredPoints final : public SurfacePoints {
                        static_cast<std::uint8_t>(known ? point_class : 0)};
   }
   [[nodiscard]] std::int32_t attribute(std::size_t index, std::size_t column) const override {
-    return attributes_->value(first_ + static_cast<std::uint32_t>(index), column);
+    return attributes_->value(idOf(index), column);
   }
 
  private:
+  ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count,
+               std::vector<std::uint32_t> ids)
+      : scorer_(field.scorer),
+        origin_W_(field.origin_W),
+        some_wait_(field.some_wait),
+        withheld_(field.withheld),
+        attributes_(field.attributes),
+        state_(std::move(state)),
+        first_(first),
+        ids_(std::move(ids)),
+        weights_(count),
+        rolls_(field.rolls.count),
+        probability_(scorer_.params(), field.collision_limit),
+        headings_(toolHeadings(scorer_.params().approach, field.rolls)) {
+    if (!ids_.empty()) {
+      scorer_.reads().weights(ids_, weights_);
+      return;
+    }
+    const std::uint32_t blocks = count / kWeightsPerBlock + 1, most = count / blocks + 1;
+    std::vector<std::uint32_t> block;
+    for (std::uint32_t begin = 0; begin < count; begin += most) {
+      block.resize(std::min(count - begin, most));
+      std::iota(block.begin(), block.end(), first + begin);
+      scorer_.reads().weights(block, std::span(weights_).subspan(begin, block.size()));
+    }
+  }
+
+  [[nodiscard]] std::uint32_t idOf(std::size_t index) const {
+    return ids_.empty() ? first_ + static_cast<std::uint32_t>(index) : ids_[index];
+  }
+
   const PointScorer& scorer_;
   Eigen::Vector3d origin_W_;
   bool some_wait_;
@@ -114,6 +160,7 @@ class ScoredPoints final : public SurfacePoints {
   const PointAttributes* attributes_;
   HostState state_;
   std::uint32_t first_;
+  std::vector<std::uint32_t> ids_;  ///< empty: from first_ on
   std::vector<std::uint16_t> weights_;
   int rolls_;
   ProbabilityModel probability_;
@@ -122,20 +169,20 @@ class ScoredPoints final : public SurfacePoints {
 
 SurfacePoint ScoredPoints::at(std::size_t index) const {
   SurfacePoint point;
-  point.id = first_ + static_cast<std::uint32_t>(index);
+  point.id = idOf(index);
   point.position_W = position_W(index);
   point.weight = weights_[index];
   point.confidence =
       kernels::confidenceOf(weights_[index], static_cast<float>(scorer_.params().scoring.confidence_half_weight));
   const bool gone = weights_[index] == 0 && scorer_.params().tsdf.region != UpdateRegion::Projective;
-  if (gone) point.reason = PointReason::Changed;             // point_weights.cpp: its voxel was taken out
-  if (point.id - state_.first >= state_.size) return point;  // added after the last update
+  if (gone) point.reason = PointReason::Changed;  // point_weights.cpp: its voxel was taken out
+  if (index >= state_.size) return point;         // added after the last update
   if (point.id < withheld_.size() && withheld_[point.id] != 0) {
     point.reason = reasonOf(withheld_[point.id]);
     return point;
   }
-  const std::uint32_t n = point.id - state_.first;
-  point.normal_W = Eigen::Vector3f(state_.normal_L.data() + std::size_t{3} * n);
+  const std::size_t n = index;
+  point.normal_W = Eigen::Vector3f(state_.normal_L.data() + 3 * n);
   if (point.normal_W.isZero()) point.normal_W.setZero();  // its signs are ours (kernels::writeBesideSurface)
   point.score = state_.score[n];
   point.direction = state_.direction[n];
@@ -193,6 +240,10 @@ std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, Poin
   auto all = std::make_unique<ScoredPoints>(field, std::move(state), 0, count);
   if (!field.core) return all;
   return std::make_unique<CorePoints>(std::move(all), field.scorer.points(), *field.core);
+}
+
+std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, std::span<const std::uint32_t> ids) {
+  return std::make_unique<ScoredPoints>(field, HostState(field.scorer, field.backend, ids), ids);
 }
 
 FieldSnapshot snapshotOf(const SurfacePoints& points) {

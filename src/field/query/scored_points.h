@@ -39,6 +39,10 @@ struct ScoredField {
 /// and attributes are read from the scorer's store, which must live as long and keep its points.
 [[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, PointStates states);
 
+/// Some of them. @param ids  of the core for a tile, ascending
+[[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field,
+                                                                std::span<const std::uint32_t> ids);
+
 /// A copy of all of them.
 [[nodiscard]] FieldSnapshot snapshotOf(const SurfacePoints& points);
 

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is told of changes, once and not less than once.
-#include "points/changed_points.h"
+#include "points/points_as_told.h"
 
 #include <gtest/gtest.h>
 
@@ -29,6 +29,9 @@ class SomePoints final : public SurfacePoints {
   [[nodiscard]] Eigen::Vector3d origin_W() const override { return Eigen::Vector3d::Zero(); }
   [[nodiscard]] double voxel_size_m() const override { return 0.1; }
 
+  /// Of all points, those of the margin included.
+  [[nodiscard]] std::uint32_t count() const { return idAt(points.size()); }
+
   std::vector<SurfacePoint> points;
   std::size_t fails_at = ~std::size_t{0};
 };
@@ -39,27 +42,27 @@ std::vector<std::uint32_t> placesOf(const std::vector<SurfacePoint>& points) {
   return ids;
 }
 
-TEST(ChangedPoints, AreNotLostIfACallFails) {
+TEST(PointsAsTold, AreNotLostIfACallFails) {
   for (const bool several : {false, true}) {
     SCOPED_TRACE(several);
     SomePoints points(20000);
-    ChangedPoints changes(several);
+    PointsAsTold told(several);
     points.fails_at = 19999;
-    EXPECT_THROW(static_cast<void>(changes.since(points)), std::bad_alloc);
+    EXPECT_THROW(static_cast<void>(told.since(points, points.count())), std::bad_alloc);
     points.fails_at = ~std::size_t{0};
-    EXPECT_EQ(changes.since(points).size(), points.size());
-    EXPECT_TRUE(changes.since(points).empty());
+    EXPECT_EQ(told.since(points, points.count()).size(), points.size());
+    EXPECT_TRUE(told.since(points, points.count()).empty());
 
     // As where access is withdrawn; in several tasks, before and behind the one that fails.
     points.points[3].label = PointLabel::Blocked;
     points.points[9000].direction = 7;
     points.points[19998].tools = 2;  // only counts among several tools
     points.fails_at = 9001;
-    EXPECT_THROW(static_cast<void>(changes.since(points)), std::bad_alloc);
+    EXPECT_THROW(static_cast<void>(told.since(points, points.count())), std::bad_alloc);
     points.fails_at = ~std::size_t{0};
-    EXPECT_EQ(placesOf(changes.since(points)),
+    EXPECT_EQ(placesOf(told.since(points, points.count())),
               several ? (std::vector<std::uint32_t>{3, 9000, 19998}) : (std::vector<std::uint32_t>{3, 9000}));
-    EXPECT_TRUE(changes.since(points).empty());
+    EXPECT_TRUE(told.since(points, points.count()).empty());
   }
 }
 
