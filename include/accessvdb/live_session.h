@@ -222,7 +222,9 @@ struct LiveStatus {
   std::uint64_t unposed_returns = 0;
   std::uint64_t left_out_returns = 0;  ///< no memory, or no time: the returns of scans dropped as queue_full, too
   std::uint64_t surface_points = 0;
-  std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
+  /// Of map, mirror and points after the last step. Where a GPU leads, the map may lack up to four scans, but not near
+  /// the limit.
+  std::uint64_t memory_bytes = 0;
   std::uint64_t memory_limit_bytes = 0;
   bool memory_full = false;                   ///< no new space is taken any more
   std::optional<RollingStatus> rolling = {};  ///< of LiveOptions::rolling, after the last step
