@@ -47,8 +47,9 @@ struct RollingOptions {
   /// Edge of a tile: FieldWindow::kEdge times a power of two, at least twice the margin that the tool needs. 0 = rule:
   /// from that margin and max_range_m, so that few returns are kept twice and little is held that no scan reaches.
   std::int32_t tile_voxels = 0;
-  bool notes_changes =
-      false;  ///< whether takeChanged() is asked for: 4 bytes for each point in memory, and 4 of several tools
+  /// Whether takeChanged() is asked for. For each point in memory 4 bytes and 6 to 8 beside its state, on a GPU in its
+  /// memory; of several tools 4 more, and the latter for each tool.
+  bool notes_changes = false;
 };
 
 struct RollingStatus {

@@ -297,6 +297,12 @@ std::vector<SurfacePoint> internal::FieldAccess::takeChanged(AccessibilityField&
   return impl.arena.execute([&] { return impl.changed_points->take(impl); });
 }
 
+bool internal::FieldAccess::follow(AccessibilityField& field, bool wait) {
+  auto& impl = *field.impl_;
+  if (wait || impl.diverged()) impl.steps.settle();
+  return impl.changed_points && impl.changed_points->comparesAll();
+}
+
 std::uint64_t internal::FieldAccess::heldBytes(const AccessibilityField& field, std::uint64_t exact_above) {
   auto& impl = *field.impl_;
   impl.steps.settleUpdate();

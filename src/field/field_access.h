@@ -82,6 +82,9 @@ struct FieldAccess {
   /// all. By id; of a tile, those of its core. If it throws, the next call has them. Waits for an update, but not for
   /// the host's map where a device leads.
   [[nodiscard]] static std::vector<SurfacePoint> takeChanged(AccessibilityField& field);
+  /// Makes the device again if the host's map turned out to be another one. @param wait  for the host's map
+  /// @return whether takeChanged() has to look at all points, so that there may be something to tell
+  [[nodiscard]] static bool follow(AccessibilityField& field, bool wait);
   /// All bytes of memoryUse(). Where a device leads it does not wait for the host's map, and counts what that has,
   /// unless with the scans on their way it may be more than `exact_above`.
   [[nodiscard]] static std::uint64_t heldBytes(const AccessibilityField& field, std::uint64_t exact_above);

@@ -14,6 +14,7 @@
 #include "accessvdb/error.h"
 #include "field/backend_choice.h"
 #include "field/point_weights.h"
+#include "mirror/host_topology.h"
 #include "tsdf/return_region.h"
 
 namespace accessvdb::internal {
@@ -26,9 +27,10 @@ constexpr const char* kDiverged = "device.diverged";
 /// Bytes that a scan adds to the map and its mirror, at most: as if all that it reached were new.
 std::uint64_t atMostBytes(const kernels::FusedScan& fused, const kernels::GridSpace& space) {
   const kernels::GrowthCounts added = fused.growth.counts();
-  constexpr std::uint64_t kOfLeaf = kObservedLeafBytes + sizeof(VoxelVotes) + sizeof(std::uint32_t);
-  return fused.touched_leaves * kOfLeaf + added.lowers * sizeof(PackedLowerNode) +
-         added.uppers * sizeof(PackedUpperNode) + kernels::growthBytes(space, added);
+  constexpr std::uint64_t kListed = 64;  // in what the topology keeps of a leaf
+  constexpr std::uint64_t kOfLeaf = kObservedLeafBytes + sizeof(VoxelVotes) + sizeof(std::uint32_t) + kListed;
+  return fused.touched_leaves * kOfLeaf + added.lowers * (sizeof(PackedLowerNode) + sizeof(InternalShadow<4>)) +
+         added.uppers * (sizeof(PackedUpperNode) + sizeof(InternalShadow<5>)) + kernels::growthBytes(space, added);
 }
 
 }  // namespace
@@ -164,7 +166,7 @@ void LeadingMap::reserve(std::uint64_t more_bytes) {
 
 void LeadingMap::readWeightsAt(std::span<const Index3> voxels, int reach, std::span<std::uint16_t> weights) {
   static_assert(std::is_same_v<Index3, kernels::GridGrowth::Origin>);
-  // So many are of all points: the device may not have the values, or would lose others for them.
+  // So many are of all points, of which the device may not have the values.
   constexpr std::size_t kMany = std::size_t{1} << 19;
   if (voxels.size() >= kMany && hostHasAll()) {
     readWeightsOfMap(map_, reach, voxels, weights);
@@ -210,8 +212,9 @@ void LeadingMap::read(std::span<kernels::LeafRecord> leaves) {
 MapBytes LeadingMap::mapBytes() {
   const std::lock_guard lock(mutex_);
   if (growths_.empty()) return {heldNow(), 0};
-  // What the host keeps of the mirror's topology is in containers that may double.
-  MapBytes bytes = {held_bytes_, facts_.hostBytes()};
+  // What the host keeps of the mirror's topology is in containers that may double, or get a slab each (NodePool).
+  constexpr std::uint64_t kSlabs = std::uint64_t{4} * 2 << 20;
+  MapBytes bytes = {held_bytes_, facts_.hostBytes() + kSlabs};
   for (const Growth& growth : growths_) bytes.at_most_more += growth.at_most_bytes;
   return bytes;
 }

@@ -235,7 +235,7 @@ MapReads readsOfLead(const MapReads& map, const PointStore& points, bool neighbo
   const int reach = reachOf(neighbourhood_weight);
   reads.weights = [of_map = map.weights, reach, &points, &lead](std::span<const std::uint32_t> ids,
                                                                 std::span<std::uint16_t> weights) {
-    // As in LeadingMap::readWeightsAt(), but who asks by ids wants points, not what a scan reached.
+    // As in LeadingMap::readWeightsAt(), where it is fewer that a scan may reach.
     constexpr std::size_t kMany = std::size_t{1} << 18;
     if (!lead || !lead->leads() || (ids.size() >= kMany && lead->hostHasAll())) {
       of_map(ids, weights);

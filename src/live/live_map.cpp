@@ -81,6 +81,8 @@ std::vector<SurfacePoint> LiveMap::takeChanged() {
   return rolling() != nullptr ? rolling()->takeChanged() : FieldAccess::takeChanged(field());
 }
 
+bool LiveMap::follow(bool at_end) { return rolling() == nullptr && FieldAccess::follow(field(), at_end); }
+
 void LiveMap::leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m) {
   if (rolling() != nullptr) {
     rolling()->leaveOut(centres_W, radius_m);

@@ -32,6 +32,9 @@ class LiveMap {
   void setBudgetPoints(int points) { field().setBudgetPoints(points); }
   /// As LiveStep::changed. After an update().
   [[nodiscard]] std::vector<SurfacePoint> takeChanged();
+  /// Between scans, so that what a device that leads told wrong is told again. @param at_end  waits for the host's map
+  /// @return whether there may be something to tell
+  [[nodiscard]] bool follow(bool at_end);
   void leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m);
   /// @throws InvalidArgument "live.rolling"
   void reset();

@@ -178,8 +178,8 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     step.scored = update(*step.budget_points);
     if (clocked)
       clocked->of_backlog.took(millisecondsBetween(begin, Clock::now()), step.scored.score_ms, backlog.points > 0);
-    // Looking through all points takes time that a scan may need; its step has those that got their labels, too. With
-    // news more points may wait, and be unscored.
+    // What got its label can be told with the next scan, which may come soon. With news more points may wait, and be
+    // unscored.
     if (news || backlog.points == 0) step.changed = takeChanged();
     step.latency_ms = millisecondsBetween(begin, Clock::now());
     return step;
@@ -409,6 +409,7 @@ std::optional<LiveStep> LiveSession::step() {
       try {
         const bool has_map = impl_->latest_stamp_ns != 0;
         impl_->leaveOut(*lost, has_map ? std::optional(impl_->map.origin_W()) : std::nullopt);
+        if (has_map && impl_->map.follow(at_end)) impl_->news = true;
         if (impl_->updateIsDue(at_end)) step = impl_->workOffBacklog();
         if (step && !has_map && step->changed.empty()) step.reset();
       } catch (...) {

@@ -6,6 +6,7 @@
 #include <bit>
 #include <cstring>
 #include <functional>
+#include <new>
 #include <optional>
 #include <utility>
 
@@ -55,8 +56,10 @@ std::vector<SurfacePoint> ChangedPoints::take(const FieldStages& field) {
   if (!all) sortOthers(field);
   const auto points = all ? scoredPoints(field) : scoredPoints(field, others_);
   std::vector<SurfacePoint> changed = told_.since(*points, field.points.size());
-  noteTaken(all);
-  compares_all_ = !has_states;
+  const bool notes_taken = noteTaken(all);
+  // Of a tool that has a label without any observation, not all is a matter of states: another one may wait beside it.
+  const bool any_confidence = several_ && field.params.scoring.confidence_min <= 0;
+  compares_all_ = !has_states || !notes_taken || any_confidence;
   return changed;
 }
 
@@ -104,8 +107,8 @@ void ChangedPoints::takeOtherStates(const PointScorer& scorer, OfTool& of) {
   }
 }
 
-/// Those of all points, or of others_, which has those that were.
-void ChangedPoints::noteTaken(bool all) {
+/// Those of all points, or of others_, which has those that were. @return false: there is no memory for them
+bool ChangedPoints::noteTaken(bool all) try {
   taken_.clear();
   // Points without a state are not told as withheld (ScoredPoints::at).
   const std::size_t withheld = std::min<std::size_t>(withheld_.size(), tools_.front().known);
@@ -117,6 +120,9 @@ void ChangedPoints::noteTaken(bool all) {
   } else {
     for (const std::uint32_t id : others_) note(id);
   }
+  return true;
+} catch (const std::bad_alloc&) {  // what changed is told already
+  return false;
 }
 
 std::uint64_t ChangedPoints::hostBytes() const {

@@ -48,7 +48,7 @@ class ChangedPoints {
   void takeOthers(const FieldStages& field);
   void sortOthers(const FieldStages& field);
   void takeOtherStates(const PointScorer& scorer, OfTool& of);
-  void noteTaken(bool all);
+  [[nodiscard]] bool noteTaken(bool all);
 
   kernels::CountedMemory memory_;
   bool several_;

@@ -14,6 +14,7 @@
 #include "accessvdb/tool_spec.h"
 #include "field/field_stages.h"
 #include "field/frame_loop.h"
+#include "field/query/changed_points.h"
 #include "launch/backend.h"
 #include "support/map_hash.h"
 
@@ -129,6 +130,43 @@ void expectMadeAgain(bool updated, int budget_points) {
 TEST(MadeAgain, LabelsAreThoseOfAFieldThatNeverDiffered) { expectMadeAgain(true, 0); }
 TEST(MadeAgain, WhateverTheBudget) { expectMadeAgain(true, 10); }
 TEST(MadeAgain, WithoutLabelsThereAreNone) { expectMadeAgain(false, 0); }
+
+/// As a live session tells labels: without waiting for the host's map, until there is time.
+TEST(MadeAgain, WhatWasToldWrongIsToldAgain) {
+  const auto plain = makeStages(), led = makeStages();
+  led->changed_points = std::make_unique<ChangedPoints>(*led->backend, false);
+  std::vector<PointLabel> told;
+  std::size_t times_told = 0;
+  const auto tell = [&] {
+    for (const SurfacePoint& point : led->changed_points->take(*led)) {
+      told.resize(std::max<std::size_t>(told.size(), point.id + std::size_t{1}));
+      told[point.id] = point.label;
+      ++times_told;
+    }
+  };
+  for (std::uint32_t scan = 0; scan < 2; ++scan) {
+    integrate(*plain, scan);
+    integrate(*led, scan);
+    updateLabels(*led);
+    tell();
+    if (scan == 0) leadIdly(*led);
+  }
+  if (led->times_made_again == 0) {  // else the scan noticed
+    led->lead->catchUp();
+    ASSERT_TRUE(led->diverged());
+    makeDeviceAgain(*led);
+  }
+  EXPECT_EQ(led->times_made_again, 1);
+  EXPECT_TRUE(led->changed_points->comparesAll());
+  updateLabels(*plain);
+  updateLabels(*led);
+  const std::size_t before = times_told;
+  tell();
+  EXPECT_GT(times_told, before);
+  ASSERT_EQ(told.size(), plain->points.size());
+  for (std::uint32_t id = 0; id < told.size(); ++id)
+    ASSERT_EQ(told[id], plain->tools.front().scorer->record(id).label) << id;
+}
 
 TEST(MadeAgain, ThreeTimesAtMost) {
   const auto field = makeStages();
