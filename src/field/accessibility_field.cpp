@@ -300,7 +300,7 @@ std::vector<SurfacePoint> internal::FieldAccess::takeChanged(AccessibilityField&
 bool internal::FieldAccess::follow(AccessibilityField& field, bool wait) {
   auto& impl = *field.impl_;
   if (wait || impl.diverged()) impl.steps.settle();
-  return impl.changed_points && impl.changed_points->comparesAll();
+  return impl.changed_points && impl.changed_points->madeAnew();
 }
 
 std::uint64_t internal::FieldAccess::heldBytes(const AccessibilityField& field, std::uint64_t exact_above) {

@@ -83,7 +83,7 @@ struct FieldAccess {
   /// the host's map where a device leads.
   [[nodiscard]] static std::vector<SurfacePoint> takeChanged(AccessibilityField& field);
   /// Makes the device again if the host's map turned out to be another one. @param wait  for the host's map
-  /// @return whether takeChanged() has to look at all points, so that there may be something to tell
+  /// @return whether states of points were made anew since takeChanged(), so that there may be something to tell
   [[nodiscard]] static bool follow(AccessibilityField& field, bool wait);
   /// All bytes of memoryUse(). Where a device leads it does not wait for the host's map, and counts what that has,
   /// unless with the scans on their way it may be more than `exact_above`.

@@ -60,6 +60,7 @@ std::vector<SurfacePoint> ChangedPoints::take(const FieldStages& field) {
   // Of a tool that has a label without any observation, not all is a matter of states: another one may wait beside it.
   const bool any_confidence = several_ && field.params.scoring.confidence_min <= 0;
   compares_all_ = !has_states || !notes_taken || any_confidence;
+  made_anew_ = false;
   return changed;
 }
 

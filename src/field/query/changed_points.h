@@ -32,7 +32,9 @@ class ChangedPoints {
   ///         this throws, the next call has them
   [[nodiscard]] std::vector<SurfacePoint> take(const FieldStages& field);
   /// The states of points were made anew: all of them are compared the next time.
-  void compareAll() { compares_all_ = true; }
+  void compareAll() { compares_all_ = made_anew_ = true; }
+  /// Whether they were since take(): there may be something to tell.
+  [[nodiscard]] bool madeAnew() const { return made_anew_; }
   [[nodiscard]] bool comparesAll() const { return compares_all_; }
   [[nodiscard]] std::uint64_t hostBytes() const;
   [[nodiscard]] std::uint64_t deviceBytes() const { return memory_.bytes(); }
@@ -52,7 +54,7 @@ class ChangedPoints {
 
   kernels::CountedMemory memory_;
   bool several_;
-  bool compares_all_ = true;
+  bool compares_all_ = true, made_anew_ = false;
   std::vector<OfTool> tools_;
   kernels::DeviceArray<std::uint64_t> differ_;
   std::vector<std::uint64_t> differ_on_host_;

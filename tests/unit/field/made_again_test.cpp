@@ -157,12 +157,13 @@ TEST(MadeAgain, WhatWasToldWrongIsToldAgain) {
     makeDeviceAgain(*led);
   }
   EXPECT_EQ(led->times_made_again, 1);
-  EXPECT_TRUE(led->changed_points->comparesAll());
+  EXPECT_TRUE(led->changed_points->madeAnew());
   updateLabels(*plain);
   updateLabels(*led);
   const std::size_t before = times_told;
   tell();
   EXPECT_GT(times_told, before);
+  EXPECT_FALSE(led->changed_points->madeAnew());
   ASSERT_EQ(told.size(), plain->points.size());
   for (std::uint32_t id = 0; id < told.size(); ++id)
     ASSERT_EQ(told[id], plain->tools.front().scorer->record(id).label) << id;
