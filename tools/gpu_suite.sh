@@ -189,7 +189,7 @@ if wanted sanitizers; then
   else
     # Streams: one with a thin tool, and five short ones: a tool counted by its slabs, voxels so small that blocks are
     # taken in groups, a tool so thick that it takes leaves as a whole, one that tilts and rolls, and a wide set. Two
-    # more with a queue, one per policy, and one that scores points of the surface.
+    # more with a queue, one per policy, and two that score points of the surface, one with more to a cell than are listed.
     checked=CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes
     checked+=:CudaMemory.NothingIsAllocatedOnceWarm:CudaDistance.NothingIsAllocatedOnceWarm
     checked+=:ShortStream.HasAToolWithSlabsThatBlocks
@@ -200,7 +200,7 @@ if wanted sanitizers; then
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/4:CudaWide.ShortRun
     checked+=:ShortStream/CudaStream.PipelinedEqualsTheCpu/0:ShortStream/CudaSurface.EqualsTheCpuAfterEveryUpdate/0
     checked+=:ShortStream/CudaBudget.OnlyDelays/0:ShortStream/CudaPaper.EvaluatesTheSamePointsAsTheCpu/0
-    checked+=:FitsOnDevice.ShortRun
+    checked+=:OfTheSurface/CudaNeighbours.AreThoseOfTheCpuInAwkwardPlaces/0:FitsOnDevice.ShortRun
     checked+=:FusionTwin.MoreReturnsInAVoxelThanTheSumsOfAllWarpsCanHold
     expected=$(tr -cd : <<<":$checked" | wc -c)
     for tool in memcheck racecheck initcheck synccheck; do

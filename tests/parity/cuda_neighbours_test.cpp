@@ -5,11 +5,15 @@
 // hardly have any of them.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <random>
 #include <string>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
+#include "hostdev/surface_choice.h"
 #include "parity/gpu_test.h"
 #include "support/determinism_support.h"
 
@@ -108,7 +112,36 @@ INSTANTIATE_TEST_SUITE_P(Neighbours, CudaNeighbours,
 constexpr NeighboursCase kOfTheSurface[] = {{3, 0.2}, {20, 0.05}, {100, 0.1}, {221, 0.2}};
 INSTANTIATE_TEST_SUITE_P(OfTheSurface, CudaNeighbours, testing::ValuesIn(kOfTheSurface));
 
-/// As the one below.
+/// The most points in the cell of a point on the surface, on its side: what it competes with, and some beyond the
+/// window.
+std::size_t mostInACell(const FieldSnapshot& field, double spacing_m) {
+  const auto choice = kernels::SurfaceChoice::of(kVoxel_m, spacing_m, spacing_m);
+  struct Place {
+    std::int32_t voxel[3];
+    Eigen::Vector3d p;
+  };
+  std::vector<Place> places;
+  for (const SurfacePoint& point : field.points) {
+    Place& place = places.emplace_back();
+    place.p = point.position_W;
+    for (int axis = 0; axis < 3; ++axis) {
+      place.voxel[axis] = static_cast<std::int32_t>(std::floor(place.p[axis] / kVoxel_m + 0.5));
+    }
+  }
+  std::size_t most = 0;
+  for (std::size_t n = 0; n < places.size(); ++n) {
+    if (field.points[n].label == PointLabel::Unscored) continue;
+    int axis = 0;
+    field.points[n].normal_W.cwiseAbs().maxCoeff(&axis);
+    const kernels::CompetingVoxels cell(choice, places[n].voxel, axis);
+    most = std::max(most, static_cast<std::size_t>(std::ranges::count_if(places, [&](const Place& other) {
+                      return cell.hold(other.voxel) && (other.p[axis] > 0) == (places[n].p[axis] > 0);
+                    })));
+  }
+  return most;
+}
+
+/// As the one below. The first has more points to a cell than a warp lists (kMostListed in competition.cu).
 TEST(AwkwardNeighbours, HavePointsBesideTheSurfaceAndOthers) {
   for (const NeighboursCase& c : kOfTheSurface) {
     SCOPED_TRACE(testing::PrintToString(c));
@@ -120,6 +153,9 @@ TEST(AwkwardNeighbours, HavePointsBesideTheSurfaceAndOthers) {
     const FieldSnapshot now = field.snapshot();
     EXPECT_GT(now.reasons()[static_cast<std::size_t>(PointReason::BesideSurface)], 500u);
     EXPECT_GT(now.count(PointLabel::Accessible) + now.count(PointLabel::Blocked), 30u);
+    if (&c == kOfTheSurface) {
+      EXPECT_GT(mostInACell(now, c.spacing_m), 128u);
+    }
   }
 }
 

@@ -33,31 +33,55 @@ __device__ std::int64_t sumOfWarp(std::int64_t value) {
   return value;
 }
 
+/// Points of the cell and side that a warp lists. If there are more, it looks for them twice.
+constexpr std::uint32_t kMostListed = 128;
+struct ListedPoints {
+  std::uint32_t id[kMostListed];
+  std::uint32_t count;
+};
+
 /// Points of a cell and side, along the main axis of a point's normal.
 class CompetitorsOfPoint {
  public:
+  /// @param list  shared by the warp
   __device__ CompetitorsOfPoint(const PointsView& points, const CompetitionView& competition, std::uint32_t id,
-                                int axis)
+                                int axis, ListedPoints& list)
       : points_(points),
         competition_(competition),
         axis_(axis),
-        own_(competing(id)),
+        list_(list),
+        own_(competing(id, voxelOfPoint(id))),
         voxels_(competition.choice, own_.voxel, axis),
         front_(isInFront(id)) {}
 
   /// Whether the point is the one to be scored. All lanes call it and get the same.
   [[nodiscard]] __device__ bool isOnSurface(std::uint32_t lane) const {
     WindowReturns around = {own_, competition_.choice.window};
-    forEach(lane, [&](const CompetingPoint& point) { around.add(point); });
+    if (lane == 0) list_.count = 0;
+    __syncwarp();
+    forEach(lane, [&](std::uint32_t id, const CompetingPoint& point) {
+      around.add(point);
+      const std::uint32_t at = atomicAdd(&list_.count, 1u);
+      if (at < kMostListed) list_.id[at] = id;
+    });
     around.returns = sumOfWarp(around.returns);
     around.moment = sumOfWarp(around.moment);
+    __syncwarp();
+    const std::uint32_t count = list_.count;
     bool nearest = true;
-    forEach(lane, [&](const CompetingPoint& point) { nearest = nearest && !around.isNearer(point); });
+    if (count <= kMostListed) {
+      for (std::uint32_t n = lane; n < count; n += kWarp) {
+        nearest = nearest && !around.isNearer(competing(list_.id[n], voxelOfPoint(list_.id[n])));
+      }
+    } else {
+      forEach(lane,
+              [&](std::uint32_t /*id*/, const CompetingPoint& point) { nearest = nearest && !around.isNearer(point); });
+    }
     return __all_sync(kAllLanes, nearest);
   }
 
  private:
-  /// Calls visit(point) for all of them, among them the point itself. Each lane gets others.
+  /// Calls visit(id, point) for all of them, among them the point itself. Each lane gets others.
   template <class Visit>
   __device__ void forEach(std::uint32_t lane, const Visit& visit) const {
     const BlockIndexView& index = points_.index;
@@ -73,16 +97,20 @@ class CompetitorsOfPoint {
 #pragma unroll 1
           for (std::uint32_t n = lane; n < count; n += kWarp) {
             const std::uint32_t id = index.ids[first + n];
-            const CompetingPoint point = competing(id);
-            if (voxels_.hold(point.voxel) && isInFront(id) == front_) visit(point);
+            // Most points are in other cells: what else is known of these is not read.
+            const Coord voxel = voxelOfPoint(id);
+            const std::int32_t at[3] = {voxel[0], voxel[1], voxel[2]};
+            if (voxels_.hold(at) && isInFront(id) == front_) visit(id, competing(id, voxel));
           }
         }
       }
     }
   }
-  [[nodiscard]] __device__ CompetingPoint competing(std::uint32_t id) const {
+  [[nodiscard]] __device__ Coord voxelOfPoint(std::uint32_t id) const {
     const float* p = points_.points.position_L + 3 * static_cast<std::size_t>(id);
-    const Coord voxel = voxelOf(p[0], p[1], p[2], competition_.inverse_voxel_size);
+    return voxelOf(p[0], p[1], p[2], competition_.inverse_voxel_size);
+  }
+  [[nodiscard]] __device__ CompetingPoint competing(std::uint32_t id, const Coord& voxel) const {
     return {competition_.choice.heightOf(points_.meanOf(id)[axis_]),
             competition_.returns[id],
             {voxel[0], voxel[1], voxel[2]}};
@@ -94,6 +122,7 @@ class CompetitorsOfPoint {
   const PointsView& points_;
   const CompetitionView& competition_;
   int axis_;
+  ListedPoints& list_;
   CompetingPoint own_;
   CompetingVoxels voxels_;
   bool front_;
@@ -102,12 +131,13 @@ class CompetitorsOfPoint {
 __global__ void __launch_bounds__(kThreads)
     chooseOnSurface(const __grid_constant__ PointsView points, const __grid_constant__ CompetitionView competition,
                     const __grid_constant__ PointChunk part, FoundNeighbourhood* neighbourhoods) {
+  __shared__ ListedPoints lists[kThreads / kWarp];
   const std::uint32_t n = (blockIdx.x * kThreads + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
   if (!part.holds(n)) return;
   float* const normal = neighbourhoods[n].normal;
   if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) return;  // too few neighbours
   const int axis = mainAxis(normal);
-  const CompetitorsOfPoint competitors(points, competition, part.ids[part.first + n], axis);
+  const CompetitorsOfPoint competitors(points, competition, part.ids[part.first + n], axis, lists[threadIdx.x / kWarp]);
   const bool chosen = competitors.isOnSurface(lane);
   if (lane == 0 && !chosen) writeBesideSurface(axis, normal);
 }

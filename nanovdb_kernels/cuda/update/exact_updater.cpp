@@ -26,7 +26,7 @@ namespace {
 
 static_assert(PointTables::kChunk <= ToolUpdate::kMovedChunk);
 /// Most neighbourhoods found before the host knows how many are needed.
-constexpr std::uint32_t kMaxPrepared = 1u << 21;
+constexpr std::uint32_t kMaxPrepared = 1u << 22;
 
 class DeviceExactUpdater final : public ExactUpdater {
  public:
@@ -220,17 +220,20 @@ class DeviceExactUpdater final : public ExactUpdater {
     return nullptr;
   }
 
-  /// Makes room for neighbourhoods before the host knows how many: about as many as last time. Without memory update()
-  /// finds them, which only costs time. @return how many fit
+  /// Makes room for neighbourhoods before the host knows how many: about as many as last time, or fewer if memory is
+  /// short. update() finds the others, which only costs time. @return how many fit
   std::uint32_t growPrepared() {
-    const std::uint32_t expected = std::min(last_moved_ + last_moved_ / 8, kMaxPrepared);
-    try {
-      points_.growLeft(expected);
-      prepared_.growWithRoom(memory_, expected, std::min<std::size_t>(roomFor(expected), kMaxPrepared), 0);
-    } catch (const ResourceLimit&) {
-      return 0;
+    std::uint32_t most = std::min({last_moved_ + last_moved_ / 8, kMaxPrepared, most_prepared_});
+    while (true) {
+      try {
+        points_.growLeft(most);
+        prepared_.growWithRoom(memory_, most, std::min<std::size_t>(roomFor(most), kMaxPrepared), 0);
+        return most;
+      } catch (const ResourceLimit&) {
+        if (most < PointTables::kChunk) return most_prepared_ = 0;
+        most_prepared_ = most /= 2;
+      }
     }
-    return expected;
   }
 
   void reset() {
@@ -254,6 +257,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   bool any_known_ = false;         ///< whether any point has a neighbourhood
   bool neighbours_begun_ = false;  ///< what was admitted since the last update has had its moved points listed
   std::uint32_t last_moved_ = 0;
+  std::uint32_t most_prepared_ = kMaxPrepared;  ///< less once memory was short
   std::uint32_t taken_ = 0;  ///< in this update: number of moved points that have taken over their neighbourhoods
 };
 
