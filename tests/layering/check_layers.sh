@@ -48,7 +48,7 @@ dds      std api eigen bags io fastdds
 gis      std posix api eigen gdal
 tools    std posix api grids eigen cli toml json dds gis octomap
 sim      std api grids eigen tbb field io embree
-eval     std api grids openvdb eigen tbb field sim io embree qhull png json picture ompl ompl-header
+eval     std api grids openvdb vdb eigen tbb field sim io embree qhull png json picture ompl ompl-header
 lab      std posix api grids eigen json tools sim eval
 examples std posix api grids eigen cli cudart pcl pcl-header ompl ompl-header
 python   std api eigen pybind

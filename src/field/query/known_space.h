@@ -3,13 +3,12 @@
 /// What the map knows of space, as bits that many rays are cast through.
 #pragma once
 
-#include <openvdb/openvdb.h>
-
 #include <Eigen/Core>
 #include <array>
 #include <vector>
 
 #include "tsdf/packed_map.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 

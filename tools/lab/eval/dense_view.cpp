@@ -2,7 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "eval/dense_view.h"
 
-#include <openvdb/openvdb.h>
 #include <openvdb/tools/Morphology.h>
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
@@ -16,6 +15,8 @@
 #include <optional>
 #include <unordered_map>
 #include <utility>
+
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::eval {
 namespace {
@@ -167,9 +168,9 @@ struct DenseView::Impl {
   Eigen::Vector3d origin_W = Eigen::Vector3d::Zero();
   std::vector<Patch> patches;
   openvdb::Int32Grid::Ptr nearest = openvdb::Int32Grid::create(-1);  // of each voxel-sized cell, by its middle
-  openvdb::MaskGrid::Ptr passed = openvdb::MaskGrid::create();
+  openvdb::BoolGrid::Ptr passed = openvdb::BoolGrid::create();
   using NearestReader = openvdb::Int32Grid::ConstUnsafeAccessor;
-  using PassedReader = openvdb::MaskGrid::ConstUnsafeAccessor;
+  using PassedReader = openvdb::BoolGrid::ConstUnsafeAccessor;
   // An accessor remembers where it was last, so each thread has its own.
   mutable tbb::enumerable_thread_specific<std::pair<NearestReader, PassedReader>> readers{
       [this] { return std::pair(NearestReader(nearest->tree()), PassedReader(passed->tree())); }};
