@@ -236,8 +236,7 @@ MapReads readsOfLead(const MapReads& map, const PointStore& points, bool neighbo
   reads.weights = [of_map = map.weights, reach, &points, &lead](std::span<const std::uint32_t> ids,
                                                                 std::span<std::uint16_t> weights) {
     // As in LeadingMap::readWeightsAt(), where it is fewer that a scan may reach.
-    constexpr std::size_t kMany = std::size_t{1} << 18;
-    if (!lead || !lead->leads() || (ids.size() >= kMany && lead->hostHasAll())) {
+    if (!lead || !lead->leads() || (ids.size() >= kWeightsOnHost && lead->hostHasAll())) {
       of_map(ids, weights);
       return;
     }

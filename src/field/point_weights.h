@@ -3,6 +3,7 @@
 /// What point state reads from the map: observations and distances at points.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
@@ -23,6 +24,9 @@ MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neigh
 /// MapReads::weights_at of a map. @param reach  of the voxels around each
 void readWeightsOfMap(const PackedMap& map, int reach, std::span<const Index3> voxels,
                       std::span<std::uint16_t> weights);
+
+/// Of so many points a device that leads is not asked if the host's map has all scans: reading that is sooner.
+inline constexpr std::uint32_t kWeightsOnHost = 1 << 18;
 
 /// The same as `map`, but of the device's map as long as it leads. @param lead, points  must outlive the result; *lead
 /// may be null, and may change

@@ -13,6 +13,7 @@
 
 #include "accessvdb/survey_frame.h"
 #include "field/left_out_points.h"
+#include "field/point_weights.h"
 #include "field/query/access_probability.h"
 #include "field/query/withheld.h"
 #include "field/tools/tool_heading.h"
@@ -20,8 +21,8 @@
 namespace accessvdb::internal {
 namespace {
 
-/// At most; so many points that a device that leads is not asked (readsOfLead()).
-constexpr std::uint32_t kWeightsPerBlock = 1 << 19;
+/// At most, so that blocks of more than that have half of it or more.
+constexpr std::uint32_t kWeightsPerBlock = 2 * kWeightsOnHost;
 
 /// The state of some points on the host, in their order. Those beyond its end were added after the last update.
 struct HostState {
