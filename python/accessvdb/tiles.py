@@ -337,9 +337,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--gpus", metavar="0,1", default="", help="spread the processes over these GPUs")
     add("--per-gpu", type=int, default=1, metavar="N", help="processes at a time on each GPU (default: 1)")
     add("--device", choices=("auto", "cpu", "cuda"), help="where scoring runs (default: cuda with --gpus, else auto)")
-    add("--host-fusion", action="store_true", help="on a GPU, fuse scans on the processor: the same labels, later")
+    add("--host-fusion", action="store_true", help="no effect: in tiles, scans are fused on the processor")
     add("--max-device-memory", metavar="M",
-        help="on a GPU, limit of each process on the memory for the values of its map (default: by the voxel)")  # fmt: skip
+        help="no effect: it limits what a GPU that fuses keeps, and in tiles it does not")  # fmt: skip
     add("--keep-rays", action="store_true", help="keep the sorted returns")
     add("--stall-timeout", type=float, default=RunOptions.stall_s, metavar="SECONDS",
         help="end a process that has used no processor time for so long, and run its tile again (default: 600)")  # fmt: skip

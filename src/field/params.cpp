@@ -146,10 +146,13 @@ void requireSpacing(const FieldParams& p) {
     throw InvalidArgument("config.points", subject, problem, advice);
   };
   if (p.update.policy == UpdatePolicy::Paper) {
-    refuse("policy", "the paper's policy scores every point", "Use UpdatePolicy::Exact, or score all points");
+    refuse("points of the surface", "cannot be used with the paper's policy, which scores every point",
+           "Use UpdatePolicy::Exact, or score all points");
   }
   if (p.change.mode == ChangeMode::Full) {
-    refuse("change", "a surface that has gone would keep the points beside it from being scored",
+    refuse("points of the surface",
+           "cannot be used with ChangeMode::Full: a surface that has gone would keep the points beside it from being "
+           "scored",
            "Use ChangeMode::Block, or score all points");
   }
   if (p.tsdf.range_noise_m > kMostSpacing_voxels * p.tsdf.voxel_size_m) {

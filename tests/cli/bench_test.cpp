@@ -373,6 +373,22 @@ TEST_F(Bench, AWarmUpEndsBeforeTheLastFrames) {
   for (std::size_t n = 0; n < rows.size(); ++n) EXPECT_EQ(rows[n][5] > 0, n >= 40 - kTimed - 20) << n;
 }
 
+TEST_F(Bench, TimesAllFramesIfThereAreFewerAndNamesWhatNeedsAGpu) {
+  std::vector<std::string> without = arguments({{"--out", path("bench.json")}});
+  const auto timed = std::ranges::find(without, "--timed-frames");
+  without.erase(timed, timed + 2);
+  const ProgramResult plain = runLab(without);
+  ASSERT_EQ(plain.exit_code, 0) << plain.err;
+  EXPECT_EQ(json::parse(readText("bench.json"))["timed_frames"], kFrames);
+  EXPECT_EQ(plain.err.find("no effect"), std::string::npos) << plain.err;
+  without.insert(without.end(), {"--host-fusion", "--max-device-memory", "1G"});
+  const ProgramResult given = runLab(without);
+  ASSERT_EQ(given.exit_code, 0) << given.err;
+  for (const char* flag : {"--host-fusion", "--max-device-memory"}) {
+    EXPECT_NE(given.err.find(std::string(flag) + " has no effect without a GPU"), std::string::npos) << given.err;
+  }
+}
+
 TEST_F(Bench, TooFewPointsIsCode4AndKeepsTheFigures) {
   const ProgramResult result = runLab(arguments({{"--min-surface-points", "1000000"}, {"--out", path("bench.json")}}));
   EXPECT_EQ(result.exit_code, 4) << result.err;
@@ -403,6 +419,9 @@ TEST_F(Bench, RefusesInOneLine) {
   expectRefused({{"--scans-per-second", "nan"}}, 2, "--scans-per-second");
   expectRefused({{"--scans-per-second", "10"}, {"--pipelined", ""}}, 2, "--scans-per-second");
   expectRefused({{"--max-device-memory", "1M"}}, 2, "error[config.range] --max-device-memory: ");
+  expectRefused({{"--points", "surface"}, {"--change", "full"}}, 2, "error[config.points] --points surface: ");
+  expectRefused({{"--points", "surface"}, {"--policy", "paper"}}, 2, "error[config.points] --points surface: ");
+  for (const char* count : {"--min-surface-points", "--seed"}) expectRefused({{count, "-5"}}, 2, count);
   expectRefused({{"--max-new-percent", "6"}}, 2, "--max-new-percent");
   expectRefused({{"--begin-by", "2"}}, 2, "--begin-by");
   const Flags shortest = {{"--shortest", ""}, {"--min-surface-points", "9"}};

@@ -430,6 +430,34 @@ TEST_F(MapOutputs, SummaryIsSaidUnlessQuiet) {
   EXPECT_EQ(runProgram(mapArguments({"--quiet"})).err.find("surface points: "), std::string::npos);
 }
 
+/// Of points of the surface, shares are of those that are there to be scored.
+TEST_F(MapOutputs, SummaryCountsPointsBesideTheSurfaceApart) {
+  const ProgramResult run = runProgram(mapArguments({"--points", "surface", "--point-spacing", "0.2"}));
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const json counts = report().at("counts");
+  const auto all = counts.at("surface_points").get<int>(), accessible = counts.at("accessible").get<int>(),
+             blocked = counts.at("blocked").get<int>(), beside = counts.at("reasons").at("beside_surface").get<int>();
+  ASSERT_GT(beside, 10);
+  ASSERT_GT(accessible, 10);
+  const std::string said = std::to_string(all) + " surface points, " + std::to_string(beside) +
+                           " of them beside the surface; the others: accessible " + std::to_string(accessible) + " (";
+  const auto at = run.err.find(said);
+  ASSERT_NE(at, std::string::npos) << said << "\n" << run.err;
+  EXPECT_NEAR(std::stod(run.err.substr(at + said.size())), 100.0 * accessible / (all - beside), 0.051);
+  EXPECT_NE(run.err.find(", unscored " + std::to_string(all - beside - accessible - blocked) + " ("), std::string::npos)
+      << run.err;
+}
+
+TEST_F(MapOutputs, FlagsForAGpuAreNamedWhereTheyChangeNothing) {
+  const ProgramResult on_cpu = runProgram(mapArguments({"--host-fusion"}));
+  ASSERT_EQ(on_cpu.exit_code, 0) << on_cpu.err;
+  EXPECT_NE(on_cpu.err.find("--host-fusion has no effect without a GPU"), std::string::npos) << on_cpu.err;
+  EXPECT_EQ(on_cpu.err.find("--max-device-memory"), std::string::npos) << on_cpu.err;
+  const ProgramResult in_tiles = runProgram(mapArguments({"--max-device-memory", "1G", "--tiles", "12.8", "--fresh"}));
+  ASSERT_EQ(in_tiles.exit_code, 0) << in_tiles.err;
+  EXPECT_NE(in_tiles.err.find("--max-device-memory has no effect in tiles"), std::string::npos) << in_tiles.err;
+}
+
 TEST_F(MapOutputs, UpdatingEachScanChangesNoLabel) {
   ASSERT_EQ(runProgram(mapArguments()).exit_code, 0);
   const json once = report();

@@ -40,7 +40,10 @@ TEST(FieldRefusals, FewerPointsWhereEveryOneIsScored) {
   full.change.mode = ChangeMode::Full;
   paper.update.policy = UpdatePolicy::Paper;
   profile.scoring.point_spacing_m = 0.02;
-  for (const FieldParams& given : {full, paper, profile}) EXPECT_EQ(refused(given).id, "config.points");
+  for (const FieldParams& given : {full, paper, profile}) {
+    EXPECT_EQ(refused(given).id, "config.points");
+    EXPECT_EQ(refused(given).subject, "points of the surface");
+  }
   params.scoring.point_spacing_m = 1;
   EXPECT_EQ(refused(params).subject, "point_spacing_m");
   // However wide the band around a surface is.

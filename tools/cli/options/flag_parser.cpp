@@ -82,6 +82,12 @@ std::string whyNoNumber(const std::string& text) {
   return "\"" + text + "\" is not a decimal number";
 }
 
+/// The parser's own conversion takes -1 for the largest number that there is.
+std::string whyNoCount(const std::string& text) {
+  std::string why = whyNoNumber(text);
+  return why.empty() && text.front() == '-' ? "\"" + text + "\" is below 0" : why;
+}
+
 }  // namespace
 
 struct FlagParser::Parser {
@@ -102,7 +108,11 @@ void FlagParser::describe(const std::string& verb, const std::string& purpose, c
 void FlagParser::option(const std::string& name, Target value, const std::string& help) {
   const auto add = [&](auto* target) { return parser_->app.add_option(name, *target, help)->capture_default_str(); };
   CLI::Option* option = std::visit([&](auto* target) -> CLI::Option* { return add(target); }, value);
-  if (!std::holds_alternative<std::string*>(value)) option->check(whyNoNumber, "");
+  if (std::holds_alternative<std::uint64_t*>(value)) {
+    option->check(whyNoCount, "");
+  } else if (!std::holds_alternative<std::string*>(value)) {
+    option->check(whyNoNumber, "");
+  }
 }
 
 void FlagParser::repeated(const std::string& name, std::string* value, const std::string& help) {

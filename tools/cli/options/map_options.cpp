@@ -112,7 +112,7 @@ void addPointsOptions(FlagParser& flags, MapOptions& options) {
   flags.option(
       "--points", &options.points,
       "which surface points are scored: all, or surface: one where the surface is, not those that noise has put "
-      "beside it (reason beside_surface)");
+      "beside it (reason beside_surface); not with --change full or the paper's profile");
   flags.option(
       "--point-spacing", &options.point_spacing,
       "with --points surface, edge of the cells of which one point each is scored, metres; auto = the voxel or "
@@ -147,11 +147,14 @@ void addMirrorOption(FlagParser& flags, MapOptions& options) {
 }
 
 void addFusionOptions(FlagParser& flags, MapOptions& options) {
-  flags.flag("--host-fusion", options.host_fusion,
-             "on a GPU, fuse each scan on the processor before it is scored, as without one: the same labels, later");
+  flags.flag(
+      "--host-fusion", options.host_fusion,
+      "on a GPU, fuse each scan on the processor before it is scored, as without one: the same labels, later. That "
+      "is so anyway with --change full and where else docs/drone.md, On a GPU, says, among them tiles");
   flags.option("--max-device-memory", &options.max_device_memory,
-               "on a GPU, limit on the memory for the values of the map, for example 2G or 500M; what it holds no more "
-               "it gets from the host again. Default: 4 GB at 10 mm, 20 at 5 mm");
+               "on a GPU that fuses the scans, limit on the memory for the values of the map, for example 2G or 500M; "
+               "what it holds no more it gets from the host again. Points and mirror come on top. Default: 4 GB for "
+               "voxels down to 10 mm, 20 down to 5 mm, 64 below; never more than half of what is free at the start");
 }
 
 void addMapOptions(FlagParser& flags, MapOptions& options) {

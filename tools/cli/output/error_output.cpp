@@ -42,6 +42,7 @@ constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
     {"neighbours", "--knn"},
     {"point_spacing_m", "--point-spacing"},
     {"score all points", "--points all"},
+    {"points of the surface", "--points surface"},
     {"threads", "--threads"},
     {"device_cache_bytes", "--max-device-memory"},
     {"fuse_on_host", "--host-fusion"},

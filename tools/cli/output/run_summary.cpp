@@ -42,10 +42,13 @@ std::vector<std::string> summarizeRun(const RunFacts& facts) {
                   share(report.points_used, report.points_in) + " used; dropped: " + droppedInWords(report));
   if (const auto notice = openSkyNotice(report)) lines.push_back(*notice);
   std::string labels = std::to_string(report.surface_points) + " surface points";
+  // With --points surface, those beside it are no places of their own.
+  const std::uint64_t beside = report.reasons[static_cast<int>(PointReason::BesideSurface)];
+  if (beside > 0) labels += ", " + std::to_string(beside) + " of them beside the surface; the others";
   for (const PointLabel label : {PointLabel::Accessible, PointLabel::Blocked, PointLabel::Unscored}) {
-    const std::uint64_t count = report.labels[static_cast<int>(label)];
+    const std::uint64_t count = report.labels[static_cast<int>(label)] - (label == PointLabel::Unscored ? beside : 0);
     labels += std::string(label == PointLabel::Accessible ? ": " : ", ") + name(label) + " " + std::to_string(count) +
-              " (" + share(count, report.surface_points) + ")";
+              " (" + share(count, report.surface_points - beside) + ")";
   }
   lines.push_back(labels);
   std::string reasons;

@@ -16,6 +16,15 @@ void sayWhyNotOnGpu(const AccessibilityField& field, Messages& messages) {
   }
 }
 
+void sayWhatNeedsGpu(const MapOptions& options, const AccessibilityField* field, Messages& messages) {
+  if (field != nullptr && field->deviceName().starts_with("cuda")) return;
+  const auto say = [&](const std::string& flag) {
+    messages.notice(flag + " has no effect " + (field == nullptr ? "in tiles" : "without a GPU"));
+  };
+  if (options.host_fusion) say("--host-fusion");
+  if (!options.max_device_memory.empty()) say("--max-device-memory");
+}
+
 void sayWhatBecameOfGpu(const AccessibilityField& field, RunReport& report, Messages& messages) {
   const std::string id = field.deviceNoteId();
   if (id == report.device_note_id) return;

@@ -490,6 +490,7 @@ int LiveRun::run() {
   requireShownTools(options_.map, tools, session.params(), largestShareHidden(tools, params), messages_);
   if (session.rolling() != nullptr) {
     rolling_.begin(session);
+    sayWhatNeedsGpu(options_.map, nullptr, messages_);
   } else {
     for (std::size_t k = 0; k < report_.tools.size(); ++k)
       report_.tools[k].collision_limit = session.field().collisionLimit(k);
@@ -497,6 +498,7 @@ int LiveRun::run() {
     report_.device_note_id = session.field().deviceNoteId();
     report_.device_note = session.field().deviceNote();
     sayWhyNotOnGpu(session.field(), messages_);
+    sayWhatNeedsGpu(options_.map, &session.field(), messages_);
   }
   {
     const dds::ParticipantOptions domain = participantOptions(options_);

@@ -406,6 +406,7 @@ int MapRun::run() {
   report_.device_note_id = field.deviceNoteId();
   report_.device_note = field.deviceNote();
   sayWhyNotOnGpu(field, messages_);
+  sayWhatNeedsGpu(options_, &field, messages_);
   outputs_.startOver();  // only now: nothing is deleted for what is refused
   try {
     return work(scans, field);
@@ -418,6 +419,7 @@ int MapRun::run() {
 }
 
 int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
+  sayWhatNeedsGpu(options_, nullptr, messages_);
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
@@ -426,6 +428,7 @@ int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
 }
 
 int MapRun::rolling(const PlanSources& sources) {
+  sayWhatNeedsGpu(options_, nullptr, messages_);
   requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
   outputs_.startOver();
   const int exit_code = mapRolling(sources, pose_inputs_, report_, messages_);

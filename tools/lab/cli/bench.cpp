@@ -328,6 +328,7 @@ int BenchRun::run() {
   // Makes the field before the forest, so that a missing device fails before the time to grow it is spent.
   AccessibilityField field(tools, params, tableProgress(messages_));
   sayWhyNotOnGpu(field, messages_);
+  sayWhatNeedsGpu(options_.map, &field, messages_);
   const auto simulating = Clock::now();
   const sim::Simulator simulator = makeSimulator(options_, scene_);
   simulation_s_ = secondsSince(simulating);
@@ -380,6 +381,8 @@ int runBench(const Arguments& arguments, Messages& messages) {
   FlagParser flags(kLab);
   addBenchOptions(flags, options);
   if (!parseCommandLine(flags, arguments, options.map.common, messages)) return 0;
+  if (!flags.isSet("timed-frames") && !options.shortest)
+    options.timed_frames = std::min(options.timed_frames, options.frames);
   return BenchRun(options, messages).run();
 }
 

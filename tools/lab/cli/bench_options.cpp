@@ -71,7 +71,8 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
                "hover: along the lane at 0.01 m/s");
   flags.option("--frames", &options.frames,
                "number of scans; an update follows each, unless --warm-up-update-every is given");
-  flags.option("--timed-frames", &options.timed_frames, "number of last scans that the figures cover");
+  flags.option("--timed-frames", &options.timed_frames,
+               "number of last scans that the figures cover; by default all of them, if there are fewer");
   flags.option("--min-surface-points", &options.min_surface_points,
                "fail if the map has fewer points when the timed part begins");
   flags.flag("--shortest", options.shortest,
