@@ -40,6 +40,7 @@ def matches(row, path, voxel_mm, policy, pipelined):
         and row["policy"] == policy
         and row["budget_points"] == (PAPERS_BUDGET if policy == "paper" else 0)
         and row.get("pipelined", False) == pipelined
+        and float(row.get("parameters", {}).get("point_spacing_m", 0)) == 0  # --points surface
     )
 
 
