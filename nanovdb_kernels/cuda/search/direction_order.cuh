@@ -26,6 +26,7 @@ __device__ inline int nearestByWarp(const ApproachView& approach, const float* n
       nearest = d;
     }
   }
+#pragma unroll 1
   for (int step = kWarp / 2; step > 0; step /= 2) {
     const float c = __shfl_xor_sync(kAllLanes, best, step);
     const int d = __shfl_xor_sync(kAllLanes, nearest, step);

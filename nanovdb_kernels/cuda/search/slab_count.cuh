@@ -70,19 +70,26 @@ class SlabCount {
 
   /// Stops once the collisions exceed `stop_above`; exact up to there.
   __device__ int upTo(int stop_above) {
-    const int one_more = shift_ != 0 ? 1 : 0;
+    const int one_more = shift_ != 0 ? 1 : 0, turns_end = size_z_ + one_more;
+    LeafColumn column = {};
+    int first = -static_cast<int>(kWarp), low = turns_end;
+    std::uint32_t found = 0, place = 0;
+    // One loop, so that there is one copy of what compares: kernels larger than the instruction cache stall on it.
 #pragma unroll 1
-    for (int first = 0; first < num_columns_; first += static_cast<int>(kWarp)) {
-      const int n = first + lane_;
-      const LeafColumn column = n < num_columns_ ? readEntry(columns_ + n) : LeafColumn{};
-      const int leaves = column.count > 0 ? column.count + one_more : 0;
-#pragma unroll 1
-      for (int low = 0; low < size_z_ + one_more; low += BusyLeaves::kTurn) {
+    for (bool more = true; more;) {
+      if (!__any_sync(kAllLanes, found != 0)) {  // all of the turn before are listed
+        low += BusyLeaves::kTurn;
+        if (low >= turns_end) {
+          low = 0;
+          first += static_cast<int>(kWarp);
+          more = first < num_columns_;
+          column = first + lane_ < num_columns_ ? readEntry(columns_ + (first + lane_)) : LeafColumn{};
+        }
+        const int leaves = column.count > 0 ? column.count + one_more : 0;
         const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
         const int z = column.z + low;
-        const std::uint32_t place = column.x << 16 | column.y << 8 | z;
-        std::uint32_t found =
-            asked > 0 ? places_.leavesAbove(leafX(column.x), corner_y_ + column.y, corner_z_ + z, asked) : 0;
+        place = column.x << 16 | column.y << 8 | z;
+        if (asked > 0) found = places_.leavesAbove(leafX(column.x), corner_y_ + column.y, corner_z_ + z, asked);
         // Where much collides, leaves fully covered by the tool give many collisions at little cost.
         if constexpr (kThick) {
           if (__reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
@@ -92,14 +99,13 @@ class SlabCount {
             found &= ~full;
           }
         }
-        list(found, place);
-        if (listed_ >= kEnough) {
-          compareListed();
-          if (count_ > stop_above) return count_;
-        }
+      }
+      list(found, place);
+      if (listed_ >= kEnough || (!more && listed_ > 0)) {
+        compareListed();
+        if (count_ > stop_above) return count_;
       }
     }
-    if (listed_ > 0) compareListed();
     return count_;
   }
 
@@ -111,13 +117,14 @@ class SlabCount {
                  corner_z_ + static_cast<int>(place & 0xff));
   }
 
-  /// Lists leaves of a column, one column per lane. All lanes call it. They are listed first and then shared among
-  /// lanes: otherwise a lane with many leaves would pay the memory latency for each.
-  /// @param found  bit k: the k-th leaf above that at `place`
-  __device__ void list(std::uint32_t found, std::uint32_t place) {
+  /// Lists leaves of a column, one column per lane, as long as there is room. All lanes call it. They are listed first
+  /// and then shared among lanes: otherwise a lane with many leaves would pay the memory latency for each.
+  /// @param found  bit k: the k-th leaf above that at `place`; those that are listed are taken out
+  __device__ void list(std::uint32_t& found, std::uint32_t place) {
 #pragma unroll 1
-    for (unsigned any = __ballot_sync(kAllLanes, found != 0); any != 0; any = __ballot_sync(kAllLanes, found != 0)) {
-      if (listed_ > BusyLeaves::kMost - static_cast<int>(kWarp)) compareListed();
+    while (listed_ <= BusyLeaves::kMost - static_cast<int>(kWarp)) {
+      const unsigned any = __ballot_sync(kAllLanes, found != 0);
+      if (any == 0) return;
       if (found != 0) {
         busy_.list[listed_ + __popc(any & ((1u << lane_) - 1u))].place = place + lowest(found);
         found &= found - 1;
@@ -130,7 +137,16 @@ class SlabCount {
     auto* const places = reinterpret_cast<std::uint32_t*>(busy_.list + listed_);  // behind what is listed
     const int room = (BusyLeaves::kMost - listed_) * static_cast<int>(sizeof(BusyLeaves::Leaf) / sizeof(place));
     int mine = 0, waiting = 0;
-    const auto countWaiting = [&] {
+#pragma unroll 1
+    for (bool more = true; more;) {
+      const unsigned any = __ballot_sync(kAllLanes, full != 0);
+      more = any != 0;
+      if (full != 0) {
+        places[waiting + __popc(any & ((1u << lane_) - 1u))] = place + lowest(full);
+        full &= full - 1;
+      }
+      waiting += __popc(any);
+      if (more && waiting <= room - static_cast<int>(kWarp)) continue;
       __syncwarp();
 #pragma unroll 1
       for (int n = lane_; n < waiting; n += static_cast<int>(kWarp)) {
@@ -139,17 +155,7 @@ class SlabCount {
       }
       __syncwarp();
       waiting = 0;
-    };
-#pragma unroll 1
-    for (unsigned any = __ballot_sync(kAllLanes, full != 0); any != 0; any = __ballot_sync(kAllLanes, full != 0)) {
-      if (waiting > room - static_cast<int>(kWarp)) countWaiting();
-      if (full != 0) {
-        places[waiting + __popc(any & ((1u << lane_) - 1u))] = place + lowest(full);
-        full &= full - 1;
-      }
-      waiting += __popc(any);
     }
-    countWaiting();
     count_ += __reduce_add_sync(kAllLanes, mine);
   }
   [[nodiscard]] static __device__ std::uint32_t lowest(std::uint32_t bits) {
