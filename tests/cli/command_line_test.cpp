@@ -52,6 +52,38 @@ TEST_F(CommandLine, SettingsMayBeForAnyVerb) {
   EXPECT_EQ(runProgram({"map", "--config", path("config.toml"), "--print-config"}).exit_code, 2);
 }
 
+/// A variable of the shell that is not set takes no limit away, and leaves no file out.
+TEST_F(CommandLine, AFlagWithAnEmptyTextIsRefused) {
+  for (const char* flag : {"--max-memory", "--tau", "--crs", "--config", "--poses", "--tool", "--voxel", "--carry"}) {
+    SCOPED_TRACE(flag);
+    const ProgramResult result = runProgram({"map", "--scans", path("scans"), flag, ""});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_NE(result.err.find("error[usage.option] map"), std::string::npos) << result.err;
+    EXPECT_NE(result.err.find(flag), std::string::npos) << result.err;
+    EXPECT_EQ(result.err.find('\n'), result.err.size() - 1);
+    const ProgramResult equals = runProgram({"map", flag + std::string("="), "--fresh", "--print-config"});
+    EXPECT_EQ(equals.exit_code, 2);
+    EXPECT_NE(equals.err.find(flag + std::string(" is given an empty text")), std::string::npos) << equals.err;
+    if (flag == std::string("--config")) continue;
+    writeText("config.toml", std::string(flag + 2) + " = ''\n");
+    const ProgramResult config = runProgram({"map", "--config", path("config.toml"), "--print-config"});
+    EXPECT_EQ(config.exit_code, 2);
+    EXPECT_NE(config.err.find("error[config.value]"), std::string::npos) << config.err;
+  }
+  for (const char* list : {"tool = ['builtin:pencil', '']", "tool = ['', 'builtin:pencil']", "remove = ['']"}) {
+    SCOPED_TRACE(list);
+    writeText("config.toml", list);
+    const ProgramResult config = runProgram({"map", "--config", path("config.toml"), "--print-config"});
+    EXPECT_EQ(config.exit_code, 2);
+    EXPECT_NE(config.err.find("error[config.value]"), std::string::npos) << config.err;
+  }
+  const ProgramResult place = runProgram({"tile", "run", ""});
+  EXPECT_EQ(place.exit_code, 2);
+  EXPECT_NE(place.err.find("OUT is given an empty text"), std::string::npos) << place.err;
+  EXPECT_NE(runProgram({"map", "--voxel", "0.005", "--print-config"}).out.find("at most 20 GB of values"),
+            std::string::npos);
+}
+
 /// Each flag has the heading that it has in every other verb.
 TEST_F(CommandLine, HelpOfManyFlagsHasHeadings) {
   constexpr std::array<std::string_view, 7> kOrder = {

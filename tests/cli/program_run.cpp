@@ -161,6 +161,11 @@ std::vector<std::string> ProgramTest::mapArguments(const std::vector<std::string
       arguments.push_back(more[i]);
     }
   }
+  // An empty value takes a flag away.
+  for (auto flag = arguments.begin(); flag != arguments.end();) {
+    const bool none = flag->starts_with("--") && flag + 1 != arguments.end() && (flag + 1)->empty();
+    flag = none ? arguments.erase(flag, flag + 2) : flag + 1;
+  }
   return arguments;
 }
 

@@ -67,6 +67,7 @@ class ProgramTest : public ::testing::Test {
   /// "tool.obj": a box of the given size, in whatever unit, from the origin along +x.
   void writeBoxTool(double length, double width) const;
   /// The flags of a run over these inputs into folder "out", at 5 cm.
+  /// @param more  an empty value takes its flag away: {"--poses", ""}
   [[nodiscard]] std::vector<std::string> mapArguments(const std::vector<std::string>& more = {}) const;
   /// Names of all files in folder `name`, sorted; empty if there is none.
   [[nodiscard]] std::vector<std::string> listing(const std::string& name) const;

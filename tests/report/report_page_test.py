@@ -801,8 +801,8 @@ class ReportErrors(unittest.TestCase):
             for code, error, arguments in [
                     (2, "usage.missing", ["--out", out]),
                     (2, "usage.missing", ["--map", whole]),
-                    (2, "usage.missing", ["--map", whole, "--out", out, "--views", ""]),
-                    (2, "usage.missing", ["--map", whole, "--out", out, "--approaches", ""]),
+                    (2, "usage.option", ["--map", whole, "--out", out, "--views", ""]),
+                    (2, "usage.option", ["--map", whole, "--out", out, "--approaches", ""]),
                     (2, "usage.max_points", ["--map", whole, "--out", out, "--max-points", 10]),
                     (3, "input.no_field", ["--map", root / "none", "--out", out]),
                     (3, "input.missing", ["--map", root, "--out", out]),

@@ -39,7 +39,7 @@ std::optional<std::string> flagText(const toml::node& node, const std::string& b
     std::string joined;
     for (const toml::node& element : *array) {
       const auto part = flagText(element);
-      if (!part) return std::nullopt;
+      if (!part || part->empty()) return part;
       joined += (joined.empty() ? std::string() : between) + *part;
     }
     return joined;
@@ -81,6 +81,9 @@ void applyTable(FlagParser& flags, const std::string& file, const toml::table& t
     const auto text =
         flagText(node, flags.repeats(key) && !isOneVector(key, node) ? std::string(1, kBetweenValues) : ",");
     if (!text) throw InvalidArgument("config.value", file, "\"" + key + "\" has a value of the wrong kind");
+    if (text->empty()) {
+      throw InvalidArgument("config.value", file, "\"" + key + "\" is empty", "Give it a value, or leave it out");
+    }
     if (const auto problem = flags.set(key, *text)) {
       throw InvalidArgument("config.value", file, "\"" + key + "\": " + *problem);
     }

@@ -5,6 +5,7 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -143,6 +144,15 @@ std::string FlagParser::help() const {
 }
 
 bool FlagParser::parse(const std::vector<std::string>& arguments) {
+  // Often a shell's variable that is not set: what it was to limit would have no limit.
+  const auto refuseEmpty = [this](const std::string& name) {
+    throw InvalidArgument("usage.option", verb_, name + " is given an empty text", "Give it a value, or leave it out");
+  };
+  for (const std::string& argument : arguments) {
+    if (argument == "--") break;
+    const auto end = argument.find('=');
+    if (argument.starts_with("--") && end + 1 == argument.size()) refuseEmpty(argument.substr(0, end));
+  }
   try {
     parser_->app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
   } catch (const CLI::CallForHelp&) {
@@ -151,6 +161,9 @@ bool FlagParser::parse(const std::vector<std::string>& arguments) {
     std::string problem = error.what();
     while (!problem.empty() && (problem.back() == '.' || problem.back() == '\n')) problem.pop_back();
     throw InvalidArgument("usage.option", verb_, problem, "See " + command() + " --help");
+  }
+  for (const CLI::Option* option : std::as_const(parser_->app).get_options()) {
+    if (std::ranges::find(option->results(), std::string()) != option->results().end()) refuseEmpty(option->get_name());
   }
   return true;
 }

@@ -154,12 +154,6 @@ int runReport(const Arguments& arguments, Messages& messages) {
   if (map.empty())
     throw InvalidArgument("usage.missing", "--map", "is missing", "Name the output folder of accessvdb map");
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the HTML file to write");
-  for (const auto& [key, path] : {std::pair{"approaches", &approaches}, {"views", &views}}) {
-    if (flags.isSet(key) && path->empty()) {
-      throw InvalidArgument("usage.missing", std::string("--") + key, "has no path",
-                            std::string("Name the output folder of accessvdb ") + key);
-    }
-  }
   if (most_points < io::HtmlReportOptions::kLeastPoints) {
     throw InvalidArgument("usage.max_points", "--max-points",
                           "must be " + std::to_string(io::HtmlReportOptions::kLeastPoints) + " or more");
