@@ -40,6 +40,7 @@ struct FrameStats {
   double mirror_ms = 0;                ///< patching the NanoVDB mirror; 0 if a GPU fuses into it
   std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; sent to the mirror
   std::uint64_t mirror_bytes = 0;      ///< sent to the mirror; 0 if a GPU fuses into it
+  bool fused_on_device = false;        ///< a GPU fused the scan, and the host follows: FieldParams::fuse_on_host
   // The mirror of distances, if there is one (FieldParams::mirror_distance):
   double distance_mirror_ms = 0;            ///< patching it
   std::uint64_t distance_leaves = 0;        ///< leaves in which distances changed; their changed rows are sent

@@ -608,6 +608,9 @@ class FrameStats(metaclass=_Compiled):
     @property
     def mirror_bytes(self) -> int: ...
     @property
+    def fused_on_device(self) -> bool:
+        """Whether a GPU fused it, and the host follows."""
+    @property
     def surface_points(self) -> int: ...
 
 @final

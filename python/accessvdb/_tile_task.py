@@ -38,7 +38,6 @@ class Request(TypedDict):
     threads: int
     max_memory: str  # as for --max-memory; empty: what the machine has
     device: str  # empty: the program's default
-    fusion: List[str]  # more flags, for where scans are fused on a GPU
     gpu_of_worker: Dict[str, str]  # CUDA_VISIBLE_DEVICES by the name of the worker
     stall_s: float  # a process that has used no processor time for so long is ended
 
@@ -294,7 +293,7 @@ def _command(program: str, request: Request) -> List[str]:
         command += ["--max-memory", request["max_memory"]]
     if request["device"]:
         command += ["--device", request["device"]]
-    return command + request["fusion"]
+    return command
 
 
 def _run(request: Request, outcome: Outcome, task: _Task, program: str) -> None:

@@ -48,8 +48,6 @@ class RunOptions:
     gpus: Tuple[str, ...] = ()  # CUDA_VISIBLE_DEVICES of the processes
     per_gpu: int = 1
     device: Optional[str] = None
-    host_fusion: bool = False
-    max_device_memory: Optional[str] = None  # of a process, as for the program
     keep_rays: bool = False
     quiet: bool = False
     stall_s: float = 600.0  # a process that has used no processor time for so long counts as crashed
@@ -256,9 +254,6 @@ def _shares(options: RunOptions) -> Tuple[int, Request]:
         threads, memory = _CORES_PER_PROCESS, ""
     else:
         threads, memory = max(1, cores // slots), str(int(0.9 * _tile_task.available_bytes() / slots))
-    fusion = ["--host-fusion"] if options.host_fusion else []
-    if options.max_device_memory:
-        fusion += ["--max-device-memory", options.max_device_memory]
     request: Request = {
         "run": uuid.uuid4().hex,
         "out": options.out,
@@ -267,7 +262,6 @@ def _shares(options: RunOptions) -> Tuple[int, Request]:
         "threads": options.threads_per_worker or threads,
         "max_memory": options.max_memory or memory,
         "device": options.device or ("cuda" if options.gpus else ""),
-        "fusion": fusion,
         "gpu_of_worker": {str(n): options.gpus[n % len(options.gpus)] for n in range(slots) if options.gpus},
         "stall_s": options.stall_s,
     }
@@ -337,9 +331,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--gpus", metavar="0,1", default="", help="spread the processes over these GPUs")
     add("--per-gpu", type=int, default=1, metavar="N", help="processes at a time on each GPU (default: 1)")
     add("--device", choices=("auto", "cpu", "cuda"), help="where scoring runs (default: cuda with --gpus, else auto)")
-    add("--host-fusion", action="store_true", help="no effect: in tiles, scans are fused on the processor")
-    add("--max-device-memory", metavar="M",
-        help="no effect: it limits what a GPU that fuses keeps, and in tiles it does not")  # fmt: skip
     add("--keep-rays", action="store_true", help="keep the sorted returns")
     add("--stall-timeout", type=float, default=RunOptions.stall_s, metavar="SECONDS",
         help="end a process that has used no processor time for so long, and run its tile again (default: 600)")  # fmt: skip

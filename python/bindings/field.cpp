@@ -85,6 +85,7 @@ void bindReports(py::module_& module) {
       .def_readonly("flipped_voxels", &F::flipped_voxels)
       .def_readonly("contradicted_platforms", &F::contradicted_platforms)
       .def_readonly("mirror_bytes", &F::mirror_bytes)
+      .def_readonly("fused_on_device", &F::fused_on_device, "Whether a GPU fused it, and the host follows.")
       .def_readonly("surface_points", &F::surface_points)
       .def("__repr__", [](const F& stats) {
         return "<accessvdb.FrameStats: " + std::to_string(stats.points_used) + " of " +

@@ -149,6 +149,7 @@ double endScan(FieldStages& field, ScanUnderWay& under_way, const Open& open) {
   const auto mirror = [&] {
     if (ahead) {
       stats.changed_leaves = ahead->changed_leaves;
+      stats.fused_on_device = true;
     } else if (!field.diverged()) {  // else it is made again
       field.mirrors.take(changes, stats);
     }

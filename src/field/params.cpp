@@ -60,7 +60,12 @@ std::string text(const Value& value) {
 /// @throws InvalidArgument unless value is in [low, high]; NaN never is.
 void require(const char* field, double value, double low, double high, const char* advice = "") {
   if (value >= low && value <= high) return;
-  throw InvalidArgument("config.range", field, text(value) + " is outside " + text(low) + " .. " + text(high), advice);
+  const auto digits = [](double number) {  // those of a count of bytes, too
+    const bool whole = std::abs(number) < 1e12 && number == std::trunc(number);
+    return whole ? text(static_cast<std::int64_t>(number)) : text(number);
+  };
+  throw InvalidArgument("config.range", field, digits(value) + " is outside " + digits(low) + " .. " + digits(high),
+                        advice);
 }
 
 /// PCA neighbours: noise comparable to the voxel needs more of them.

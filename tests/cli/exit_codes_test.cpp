@@ -65,6 +65,8 @@ TEST_F(ExitCodes, Usage) {
   expectFailure({"--max-memory", "2Q"}, 2, "usage.bytes");
   expectFailure({"--max-device-memory", "2Q"}, 2, "usage.bytes");
   expectFailure({"--max-device-memory", "60M"}, 2, "config.range");
+  const ProgramResult small = runProgram(mapArguments({"--max-device-memory", "3"}));
+  EXPECT_NE(small.err.find(" 3 is outside 64000000 .. "), std::string::npos) << small.err;
   expectFailure({"--profile", "best"}, 2, "usage.word");
   expectFailure({"--change", "slow"}, 2, "usage.word");
   expectFailure({"--change", "block", "--static"}, 2, "usage.change");
@@ -233,6 +235,7 @@ TEST_F(ExitCodes, MemoryLimitNamesAStepThatFits) {
 TEST_F(ExitCodes, DeviceThatIsNotThere) {
   setenv("CUDA_VISIBLE_DEVICES", "-1", 1);  // also on a machine that has one
   expectFailure({"--device", "cuda"}, 6);
+  expectFailure({"--device", "cuda", "--scans", path("nowhere")}, 6);  // said before the scans are looked at
   unsetenv("CUDA_VISIBLE_DEVICES");
 }
 

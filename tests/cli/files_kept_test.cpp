@@ -82,6 +82,8 @@ TEST_F(KeptFiles, TheOnlyCloudIsNotReplacedByItsMap) {
     return map({"--scans", scans, "--poses", "", "--sensor-at", "0,0,0", "--out", out});
   };
   expectInput(with(path("s/points.ply"), path("s")));
+  expectInput(map({"--scans", path("s/points.ply"), "--poses", "", "--sensor-at", "0,0,0", "--out", path("s"),
+                   "--device", "cuda"}));  // also where there is no GPU
   expectInput(with(path("s"), path("s")));
   expectInput(with(path("s/points.ply"), path("scans/../s/.")));
   // The same file by other names.

@@ -453,6 +453,7 @@ TEST_F(MapOutputs, FlagsForAGpuAreNamedWhereTheyChangeNothing) {
   ASSERT_EQ(on_cpu.exit_code, 0) << on_cpu.err;
   EXPECT_NE(on_cpu.err.find("--host-fusion has no effect without a GPU"), std::string::npos) << on_cpu.err;
   EXPECT_EQ(on_cpu.err.find("--max-device-memory"), std::string::npos) << on_cpu.err;
+  EXPECT_FALSE(report().contains("scans_fused_on_device"));
   const ProgramResult in_tiles = runProgram(mapArguments({"--max-device-memory", "1G", "--tiles", "12.8", "--fresh"}));
   ASSERT_EQ(in_tiles.exit_code, 0) << in_tiles.err;
   EXPECT_NE(in_tiles.err.find("--max-device-memory has no effect in tiles"), std::string::npos) << in_tiles.err;

@@ -156,6 +156,16 @@ TEST(StageTimes, PercentilesAreNearestRanks) {
   EXPECT_EQ(times.percentile(1.0), 100);
 }
 
+TEST(ReportedScans, ThoseThatAGpuFusedAreCounted) {
+  RunReport report;
+  FrameStats stats;
+  for (const bool fused : {false, true, true}) {
+    stats.fused_on_device = fused;
+    report.addScan(stats, false);
+  }
+  EXPECT_EQ(report.scans_fused_on_device, 2u);
+}
+
 TEST(Failures, ForeignExceptionsAreOursToReport) {
   EXPECT_EQ(describeFailure(std::runtime_error("oops")).exit_code, 70);
   EXPECT_EQ(describeFailure(std::bad_alloc()).exit_code, 5);

@@ -67,7 +67,9 @@ class BothFields {
     EXPECT_EQ(gpu.cleared_updates, cpu.cleared_updates);
     EXPECT_EQ(gpu.flipped_voxels, cpu.flipped_voxels);
     EXPECT_GT(gpu.changed_leaves, 0u);
-    return gpu.mirror_bytes == 0;  // else the host sent what flipped
+    EXPECT_FALSE(cpu.fused_on_device);
+    EXPECT_EQ(gpu.fused_on_device, gpu.mirror_bytes == 0);  // else the host sent what flipped
+    return gpu.fused_on_device;
   }
   void both(const std::function<void(AccessibilityField&)>& act) {
     act(cpu_);

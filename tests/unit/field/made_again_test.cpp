@@ -63,8 +63,8 @@ void leadIdly(FieldStages& field) {
                                             field.mirrors.facts(), field.params);
 }
 
-/// Ground and a wall, seen from above.
-void integrate(FieldStages& field, std::uint32_t number) {
+/// Ground and a wall, seen from above. @return whether the device fused
+bool integrate(FieldStages& field, std::uint32_t number) {
   std::mt19937 random(number);
   const auto uniform = [&](float low, float high) {
     return low + (high - low) * static_cast<float>(random() % 65536) / 65536.0f;
@@ -77,7 +77,8 @@ void integrate(FieldStages& field, std::uint32_t number) {
                                            : Eigen::Vector3f(uniform(-1, 0.9f), uniform(-1, 1), 0);
     points_S.push_back(p_W - T_W_S.translation().cast<float>());
   }
-  integrateScan(field, [&](FrameStats& stats) -> const GatedScan& { return field.gate.gate(points_S, T_W_S, stats); });
+  const auto gate = [&](FrameStats& stats) -> const GatedScan& { return field.gate.gate(points_S, T_W_S, stats); };
+  return integrateScan(field, gate).fused_on_device;
 }
 
 /// @return how many are accessible
@@ -99,8 +100,9 @@ void expectMadeAgain(bool updated, int budget_points) {
   const auto plain = makeStages(), led = makeStages(budget_points);
   std::uint32_t scans = 0;
   const auto both = [&] {
-    integrate(*plain, scans);
-    integrate(*led, scans++);
+    EXPECT_FALSE(integrate(*plain, scans));
+    const bool leads = led->leads();
+    EXPECT_EQ(integrate(*led, scans++), leads);
   };
   both();
   leadIdly(*led);

@@ -426,8 +426,12 @@ void printConfig(const FlagParser& flags, const MapOptions& options, const std::
   checkCommonOptions(options.common);
   std::string text = "# " + verb + ": effective configuration, readable by --config\n" + effectiveConfig(flags) +
                      "\n# What follows from it, rules applied" + reserve + ":\n";
-  std::istringstream lines(fieldParams(options).describe());
+  const FieldParams params = fieldParams(options);
+  std::istringstream lines(params.describe());
   for (std::string line; std::getline(lines, line);) text += "#   " + line + "\n";
+  text += "# If a GPU fuses the scans, it holds at most " +
+          numberText(static_cast<double>(params.device_cache_bytes) / 1e9) +
+          " GB of values of the map, and at most half of what is free at the start.\n";
   printData(text);
 }
 

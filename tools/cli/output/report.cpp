@@ -157,6 +157,7 @@ void RunReport::add(const FrameStats& stats) {
   points_used += stats.points_used;
   for (int reason = 0; reason < kNumDropReasons; ++reason) dropped[reason] += stats.dropped[reason];
   contradicted_platforms += stats.contradicted_platforms;
+  if (stats.fused_on_device) ++scans_fused_on_device;
 }
 
 void RunReport::addScan(const FrameStats& stats, bool with_distance) {
@@ -266,6 +267,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   if (!report.device_note_id.empty()) {
     json["device_note"] = {{"id", report.device_note_id}, {"text", report.device_note}};
   }
+  if (isGpu(report.device)) json["scans_fused_on_device"] = report.scans_fused_on_device;
   if (report.agreement) json["agreement"] = jsonAgreement(*report.agreement);
   if (report.noise_points > 0) json["counts"]["noise_points"] = report.noise_points;
   if (report.resumed_after_scans) json["resumed_after_scans"] = *report.resumed_after_scans;

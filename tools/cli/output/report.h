@@ -106,7 +106,8 @@ struct RunReport {
 
   std::optional<std::uint64_t> resumed_after_scans;  ///< of --resume; times are those of the scans after them
   std::uint64_t scans = 0, points_in = 0, points_used = 0;
-  std::uint64_t noise_points = 0;  ///< not among points_in: io::ScanInputOptions::keep_noise
+  std::uint64_t scans_fused_on_device = 0;  ///< of scans, those that this run took
+  std::uint64_t noise_points = 0;           ///< not among points_in: io::ScanInputOptions::keep_noise
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
   std::uint64_t contradicted_platforms = 0;  ///< FrameStats
   std::uint64_t surface_points = 0;
@@ -129,6 +130,9 @@ struct RunReport {
   /// The same with times. @param with_distance  whether there is a mirror of distances
   void addScan(const FrameStats& stats, bool with_distance);
 };
+
+/// @param device  AccessibilityField::deviceName()
+[[nodiscard]] inline bool isGpu(const std::string& device) { return device.starts_with("cuda"); }
 
 /// Fills in what the points and the map are. @return the points' bounds, world frame
 Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, const SurfacePoints& points);

@@ -16,8 +16,18 @@ void sayWhyNotOnGpu(const AccessibilityField& field, Messages& messages) {
   }
 }
 
+void requireGpuAskedFor(BackendKind backend) {
+  if (backend != BackendKind::Cuda) return;
+  FieldParams small;
+  small.backend = backend;
+  small.threads = 1;
+  small.tsdf.voxel_size_m = 0.1;
+  small.approach.num_directions = 4;
+  static_cast<void>(AccessibilityField(ToolGeometry::builtin("builtin:pencil"), small));
+}
+
 void sayWhatNeedsGpu(const MapOptions& options, const AccessibilityField* field, Messages& messages) {
-  if (field != nullptr && field->deviceName().starts_with("cuda")) return;
+  if (field != nullptr && isGpu(field->deviceName())) return;
   const auto say = [&](const std::string& flag) {
     messages.notice(flag + " has no effect " + (field == nullptr ? "in tiles" : "without a GPU"));
   };

@@ -293,8 +293,6 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   MapOptions planned = optionsFrom(out, settings);
   planned.common = options.common;
   planned.max_memory = options.max_memory;
-  planned.host_fusion = options.host_fusion;
-  planned.max_device_memory = options.max_device_memory;
   planned.out = out.string();
   std::vector<MapOptions> flights;
   for (const tiles::Flight& flight : plan.flights) {

@@ -350,6 +350,7 @@ int MapRun::run() {
   if (!options_.rolling.empty()) requireRollingPossible(options_, fieldParams(options_));
   requireReplayPossible(options_);
   outputs_.claim();
+  requireGpuAskedFor(fieldParams(options_).backend);
   if (options_.rolling.empty()) checkpoints_.prepare();
   watchStopSignals();
 

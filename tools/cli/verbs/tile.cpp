@@ -19,6 +19,7 @@
 #include "output/stop_signal.h"
 #include "runs/agreement_check.h"
 #include "runs/first_returns.h"
+#include "runs/gpu_fallback.h"
 #include "runs/memory_check.h"
 #include "runs/scan_stamps.h"
 #include "runs/tile_correction.h"
@@ -34,7 +35,7 @@ namespace fs = std::filesystem;
 
 /// Flags of the steps after the plan.
 struct StepOptions {
-  MapOptions map;  ///< out, device, threads, max_memory, where scans are fused
+  MapOptions map;  ///< out, device, threads, max_memory
   std::vector<std::string> tiles;
   std::string points, vdb;
   bool todo = false, worker = false, keep_rays = false, partial = false;
@@ -114,6 +115,7 @@ int planTiles(const Arguments& arguments, Messages& messages) {
     return correctPoses(options.out, options, flags, messages);
   }
   checkMapOptions(options);
+  sayWhatNeedsGpu(options, nullptr, messages);
   requireNoInputsInTiles(options.out, namedInputs(options));
   const std::vector<ToolSpec> tools = loadTools(options);
   sayToolsNotes(options, tools, messages);
@@ -155,7 +157,6 @@ int binScans(const Arguments& arguments, Messages& messages) {
                  "accessvdb tile bin out/");
   flags.option("--max-memory", &options.map.max_memory,
                "limit on memory with --change full, for which all tiles take the scans side by side");
-  addFusionOptions(flags, options.map);
   if (!parseStep(flags, options, arguments, messages)) return 0;
   io::prepareOutputFolder(options.map.out);
   watchStopSignals();
@@ -174,7 +175,6 @@ int runTiles(const Arguments& arguments, Messages& messages) {
   flags.list("--tile", options.tiles, "name of a tile, as accessvdb tile list prints it; may be repeated");
   flags.option("--max-memory", &options.map.max_memory,
                "limit on memory; a tile that needs more is run as quarters, but with --change full");
-  addFusionOptions(flags, options.map);
   flags.flag(
       "--worker", options.worker,
       "run the tiles that standard input names, a line each, and print each name when it is done; stop when it ends");

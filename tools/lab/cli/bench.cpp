@@ -255,7 +255,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                {"version", ACCESSVDB_VERSION},
                {"complete", stopSignal() == 0},
                {"device", field.deviceName()},
-               {"backend", field.deviceName().rfind("cuda", 0) == 0 ? "cuda" : "cpu"},
+               {"backend", isGpu(field.deviceName()) ? "cuda" : "cpu"},
                {"threads", options_.map.common.threads > 0 ? options_.map.common.threads
                                                            : static_cast<int>(std::thread::hardware_concurrency())},
                {"voxel_m", params.tsdf.voxel_size_m},

@@ -33,7 +33,7 @@ constexpr std::array<Column, 5> kTimes = {{
     {"score", read<&BenchFrame::update, &UpdateStats::score_ms>},
 }};
 
-constexpr std::array<Column, 14> kCounters = {{
+constexpr std::array<Column, 15> kCounters = {{
     {"points_used", read<&BenchFrame::integration, &FrameStats::points_used>},
     {"touched_leaves", read<&BenchFrame::integration, &FrameStats::touched_leaves>},
     {"new_leaves", read<&BenchFrame::integration, &FrameStats::new_leaves>},
@@ -48,6 +48,7 @@ constexpr std::array<Column, 14> kCounters = {{
     {"new_points", [](const BenchFrame& frame) { return static_cast<double>(frame.new_points); }},
     {"flipped_voxels", read<&BenchFrame::integration, &FrameStats::flipped_voxels>},
     {"moved_points", read<&BenchFrame::update, &UpdateStats::moved_points>},
+    {"fused_on_device", read<&BenchFrame::integration, &FrameStats::fused_on_device>},
 }};
 
 // Present only if that mirror is kept; always the last column.
