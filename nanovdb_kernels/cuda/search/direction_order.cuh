@@ -26,6 +26,7 @@ __device__ inline int nearestByWarp(const ApproachView& approach, const float* n
       nearest = d;
     }
   }
+  // Not unrolled for the instruction cache's sake, as SlabCount::upTo() is one loop.
 #pragma unroll 1
   for (int step = kWarp / 2; step > 0; step /= 2) {
     const float c = __shfl_xor_sync(kAllLanes, best, step);
